@@ -1,0 +1,104 @@
+r"""Step response of any chain of real lags, by rational contour quadrature.
+
+The response of $G(s) = \prod_j 1/(1 + s T_j)$ to a unit step is the inverse Laplace transform of
+$G(s)/s$. With $s = z/t$, the Bromwich integral contains $e^z$; replace it by its best rational
+approximation on the negative real axis (Caratheodory-Fejer) with poles $z_k$ and residues $c_k$
+and the integral becomes a sum over those poles,
+
+$$ g(t) = \sum_k \mathrm{Re} \frac{w_k}{\prod_j (1 + z_k T_j / t)}, \qquad w_k = -2 c_k / z_k, $$
+
+over the upper half plane alone (Trefethen, Weideman, Schmelzer 2006, "Talbot quadratures and
+rational approximations", BIT 46, 653-670). The weights do not depend on the plant: there is no
+exponential, no partial fraction, no special case for equal lags, and a lag of 0 is a factor 1.
+
+The error is absolute: at most 4e-13 with 10 pairs in float64, 1e-5 with 5 pairs in float32, for
+up to eight lags of any ratio and any t >= 0. Far tails have no relative accuracy.
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._types import Lags, Scalar
+
+
+# Caratheodory-Fejer poles and weights of type (2k - 1, 2k) for k conjugate pairs, computed at 60
+# digits; `tests/test_contour.py` computes them again. More pairs would not help: the residue of
+# each pole grows with their number, and rounding of the large terms then exceeds the truncation.
+_PAIRS_5 = (
+    ((4.027732467649549 + 1.1938560664708728j), (5.047995385103296 + 8.958543016137268j)),
+    ((3.2837528833704184 + 3.594386772405083j), (-4.646891926492056 - 0.28514309048687997j)),
+    ((1.715406015926698 + 6.038934925576109j), (0.5961071187663748 - 0.6803524501109399j)),
+    ((-0.8944047014173541 + 8.582756898773036j), (0.0032721263614679443 + 0.06317869210213933j)),
+    ((-5.161191271764947 + 11.375156252224778j), (-0.0004827040113067827 - 0.0007980971679094089j)),
+)
+_PAIRS_10 = (
+    ((7.997469941248881 + 1.1941860370529913j), (121.16094795550835 + 252.95485714353555j)),
+    ((7.621785402489878 + 3.585840498715428j), (-184.6756038154949 - 44.50463012724136j)),
+    ((6.860747767744476 + 5.98767745669292j), (69.68217065013974 - 51.24086351344269j)),
+    ((5.693664947030471 + 8.407690968647728j), (-2.4529642032003545 + 25.919648610411222j)),
+    ((4.085621432687781 + 10.856038731637748j), (-3.2705352300077886 - 3.818594939588794j)),
+    ((1.9810938654711816 + 13.346833919864123j), (0.5886831255099608 + 0.06734776154995246j)),
+    ((-0.7090112846253896 + 15.901615793253438j), (-0.0332443164412529 + 0.02085226342748606j)),
+    ((-4.136524629201771 + 18.557207109714863j), (0.0005467883076875824 - 0.0011432186928691476j)),
+    ((-8.59568856114082 + 21.387810863460803j), (-9.563675454456219e-07 + 1.5141168846312182e-05j)),
+    ((-14.841258966979948 + 24.596867440862233j), (2.046110910657629e-09 - 3.385978938983753e-08j)),
+)
+
+
+def _pairs(dtype) -> tuple[tuple[complex, complex], ...]:
+    """The pairs of pole and weight that give the smallest error in `dtype`."""
+    return _PAIRS_5 if jnp.finfo(dtype).bits <= 32 else _PAIRS_10
+
+
+def chain_response(
+    t: Float[Array, "*shape"], lags: Lags, derivative: int = 0
+) -> Float[Array, "*shape"]:
+    r"""Unit step response of a chain of lags, or one of its derivatives.
+
+    **Arguments:**
+
+    - `t`: times since the step, any shape; 0 or less gives 0.
+    - `lags`: time constants $T_j \ge 0$, unit of `t`, any order; a lag of 0 is no lag.
+    - `derivative`: how often to differentiate with respect to time; multiplies $w_k$ by
+        $(z_k/t)^m$.
+
+    **Returns:** values of the shape of `t`. Each factor $1 + z T/t$ is written as
+    $(u + z v)/u$ with $u = t/(t+T)$, $v = T/(t+T)$, both in [0, 1], so that nothing overflows for
+    small t or any ratio of lags.
+    """
+    started = t > 0
+    t = jnp.where(started, t, jnp.ones_like(t))
+    parts = []
+    numerator = jnp.ones_like(t)
+    for j in range(lags.shape[0]):
+        inverse = 1 / (t + lags[j])
+        u, v = t * inverse, lags[j] * inverse
+        parts.append((u, v))
+        numerator = numerator * u
+    total = jnp.zeros_like(numerator)
+    for pole, weight in _pairs(numerator.dtype):
+        weight = weight * pole**derivative
+        re, im = jnp.ones_like(numerator), jnp.zeros_like(numerator)
+        for u, v in parts:
+            a, b = u + pole.real * v, pole.imag * v
+            re, im = re * a - im * b, re * b + im * a
+        total = total + (weight.real * re + weight.imag * im) / (re * re + im * im)
+    return jnp.where(started, total * numerator / t**derivative, 0)
+
+
+def lag_power_response(
+    t: Float[Array, "*shape"], T: Scalar, power: Scalar
+) -> Float[Array, "*shape"]:
+    r"""Unit step response of $1/(1 + sT)^a$ for a real power 0 < a <= 2, smooth in a."""
+    started = t > 0
+    t = jnp.where(started, t, jnp.ones_like(t))
+    inverse = 1 / (t + T)
+    u, v = t * inverse, T * inverse
+    log_u = jnp.log(jnp.maximum(u, jnp.finfo(u.dtype).tiny))
+    total = jnp.zeros_like(u * power)
+    for pole, weight in _pairs(total.dtype):
+        a, b = u + pole.real * v, pole.imag * v
+        size = jnp.exp(power * (log_u - jnp.log(a * a + b * b) / 2))
+        angle = -power * jnp.arctan2(b, a)
+        total = total + size * (weight.real * jnp.cos(angle) - weight.imag * jnp.sin(angle))
+    return jnp.where(started, total, 0)

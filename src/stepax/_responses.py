@@ -1,0 +1,140 @@
+r"""Unit step responses in closed form: gain 1, no dead time, at rest before t = 0.
+
+Plain functions of time: any shape of `t`, 0 or less gives 0, smooth in every parameter, errors of
+a few units in the last place of 1. Chains of arbitrary real lags are in `_contour.py`.
+"""
+
+import math
+
+import jax.numpy as jnp
+from jax.scipy.special import gammaln
+from jaxtyping import Array, Float, Int
+
+from ._contour import lag_power_response
+from ._types import Scalar
+
+
+MAX_ORDER = 8
+"""Largest order of a chain whose order is an array; a Python int may be larger."""
+
+MAX_REAL_ORDER = 40
+"""Largest real order of equal lags; beyond it the response is NaN."""
+
+
+def _after_start(t: Array) -> tuple[Array, Array]:
+    """Whether t > 0, and times that are safe to differentiate at everywhere."""
+    started = t > 0
+    return started, jnp.where(started, t, jnp.ones_like(t))
+
+
+def first_order_response(t: Float[Array, "*shape"], T: Scalar) -> Float[Array, "*shape"]:
+    r"""$g(t) = 1 - e^{-t/T}$."""
+    started, t = _after_start(t)
+    return jnp.where(started, -jnp.expm1(-t / T), 0)
+
+
+def decay_integral(rate: Scalar, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+    r"""$E = (1 - e^{-d t})/d$; t at d = 0, and smooth through it."""
+    x = rate * t
+    small = jnp.abs(x) < 0.1
+    near = jnp.where(small, x, jnp.zeros_like(x))
+    series = jnp.ones_like(x)
+    for k in range(10, 1, -1):  # 0.1^10 / 11! < 2e-18
+        series = 1 - near / k * series
+    far = jnp.where(small, jnp.ones_like(x), x)
+    return t * jnp.where(small, series, -jnp.expm1(-far) / far)
+
+
+def equal_spacing_response(
+    t: Float[Array, "*shape"], slowest: Scalar, spacing: Scalar, order: int | Int[Array, ""]
+) -> Float[Array, "*shape"]:
+    r"""Chain whose rates are m, m + d, ..., m + (n-1) d: Hudzovic's, and equal lags at d = 0.
+
+    With $E = (1 - e^{-d t})/d$,
+
+    $$ g(t) = 1 - e^{-m t} \sum_{j=0}^{n-1} \frac{E^j}{j!} \prod_{i=0}^{j-1} (m + i d), $$
+
+    which is the regularised incomplete beta function $I_{1 - e^{-d t}}(n, m/d)$ (derived from the
+    partial fractions of Murray 2016, eq. 2.5 with 2.7). All terms are positive: nothing cancels,
+    neither at equal lags nor as m -> 0.
+
+    **Arguments:** `slowest` is m > 0 and `spacing` is d >= 0, both 1/unit of `t`; `order` is n,
+    at most `MAX_ORDER` when it is an array.
+    """
+    started, t = _after_start(t)
+    # Beyond this time the response is 1 to rounding; the sum would overflow.
+    limit = -math.log(float(jnp.finfo(t.dtype).tiny)) / slowest
+    t = jnp.minimum(t, limit)
+    e = decay_integral(spacing, t)
+    total = jnp.ones_like(e)
+    for j in range((order if isinstance(order, int) else MAX_ORDER) - 1, 0, -1):
+        factor = (slowest + (j - 1) * spacing) / j
+        if not isinstance(order, int):
+            factor = jnp.where(j < order, factor, jnp.zeros_like(factor))
+        total = 1 + factor * e * total
+    return jnp.where(started, 1 - jnp.exp(-slowest * t) * total, 0)
+
+
+def equal_lag_response(t: Float[Array, "*shape"], T: Scalar, n: Scalar) -> Float[Array, "*shape"]:
+    r"""$1/(1 + sT)^n$ for real n: the gamma distribution function $P(n, x)$, $x = t/T$.
+
+    Split $n = a + k$ with $1 < a \le 2$ (k = 0 for n <= 1) and step up the recurrence
+    $P(a+1, x) = P(a, x) - x^a e^{-x}/\Gamma(a+1)$ (DLMF 8.8.5):
+
+    $$ P(a + k, x) = P(a, x) - \frac{x^a e^{-x}}{\Gamma(a+1)}
+       \sum_{i=0}^{k-1} \prod_{l=1}^{i} \frac{x}{a+l}, $$
+
+    with $P(a, x)$ from the contour kernel, whose error is small there. Unlike
+    `jax.scipy.special.gammainc` it has derivatives of every order with respect to n.
+
+    **Range:** 0 < n <= `MAX_REAL_ORDER`; outside it NaN.
+    """
+    started, t = _after_start(t)
+    tiny = float(jnp.finfo(t.dtype).tiny)
+    x = jnp.clip(t / T, tiny, -math.log(tiny))
+    steps = jnp.maximum(jnp.ceil(n) - 2, 0)
+    a = n - steps
+    total = jnp.zeros_like(x)
+    for i in range(MAX_REAL_ORDER - 2, 0, -1):
+        total = jnp.where(i <= steps, 1 + x / (a + i) * total, total)
+    first = jnp.exp(a * jnp.log(x) - x - gammaln(a + 1))
+    g = lag_power_response(t, T, a) - first * total
+    valid = (n > 0) & (n <= MAX_REAL_ORDER)
+    return jnp.where(started, jnp.where(valid, g, jnp.nan), 0)
+
+
+def second_order_response(
+    t: Float[Array, "*shape"], zeta: Scalar, omega_n: Scalar
+) -> Float[Array, "*shape"]:
+    r"""$\omega_n^2/(s^2 + 2\zeta\omega_n s + \omega_n^2)$ for any damping $\zeta > 0$.
+
+    With $\tau = \omega_n t$ and $q = \tau^2 (\zeta^2 - 1)$,
+
+    $$ 1 - g = e^{-\zeta\tau} (\cosh\sqrt q + \zeta\tau \sinh\sqrt q/\sqrt q), $$
+
+    an entire function of q: its power series near q = 0, cosine and sine below, and above
+    $1 - g = e^{-a} (1 + a (1 - e^{-2m})/(2m))$ with $m = \sqrt q$ and the slow exponent
+    $a = \tau^2/(\zeta\tau + m)$, where nothing cancels or overflows.
+    """
+    started, t = _after_start(t)
+    tau = omega_n * t
+    excess = (zeta - 1) * (zeta + 1)
+    q = tau * tau * excess
+    decay = zeta * tau
+
+    near = (jnp.abs(q) < 1) & (excess < 0.5)
+    small = jnp.where(near, q, jnp.zeros_like(q))
+    c, s = jnp.ones_like(q), jnp.ones_like(q)
+    for k in range(9, 0, -1):  # 1/20! < 1e-18
+        c = 1 + small / ((2 * k - 1) * (2 * k)) * c
+        s = 1 + small / ((2 * k) * (2 * k + 1)) * s
+    rest_near = jnp.exp(-decay) * (c + decay * s)
+
+    m = tau * jnp.sqrt(jnp.where(near, 1, jnp.abs(excess)))
+    away = jnp.where(q < 0, m, jnp.ones_like(m))
+    rest_under = jnp.exp(-decay) * (jnp.cos(away) + decay * jnp.sin(away) / away)
+    a = tau * tau / (decay + m)
+    rest_over = jnp.exp(-a) * (1 + a * decay_integral(2 * m, jnp.ones_like(m)))
+
+    rest = jnp.where(near, rest_near, jnp.where(q < 0, rest_under, rest_over))
+    return jnp.where(started, 1 - rest, 0)

@@ -1,0 +1,17 @@
+"""Array aliases used in signatures."""
+
+from jaxtyping import Array, Bool, Complex, Float, Int
+
+
+Scalar = Float[Array, ""]
+"""One real number: a parameter, a time, a level."""
+Flag = Bool[Array, ""]
+"""One truth value."""
+Count = Int[Array, ""]
+"""One whole number."""
+Samples = Float[Array, " samples"]
+"""One value per sample of a record."""
+Lags = Float[Array, " lags"]
+"""Time constants of a chain of first-order lags; 0 is no lag."""
+Spectrum = Complex[Array, "*shape"]
+"""Complex frequency response."""
