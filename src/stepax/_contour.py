@@ -50,40 +50,46 @@ def _pairs(dtype) -> tuple[tuple[complex, complex], ...]:
     return _PAIRS_5 if jnp.finfo(dtype).bits <= 32 else _PAIRS_10
 
 
-def chain_response(
-    t: Float[Array, "*shape"], lags: Lags, derivative: int = 0
-) -> Float[Array, "*shape"]:
-    r"""Unit step response of a chain of lags, or one of its derivatives.
+def chain_response(t: Float[Array, "*shape"], lags: Lags) -> Float[Array, "*shape"]:
+    r"""Unit step response of a chain of lags.
 
     **Arguments:**
 
     - `t`: times since the step, any shape; 0 or less gives 0.
     - `lags`: time constants $T_j \ge 0$, unit of `t`, any order; a lag of 0 is no lag.
-    - `derivative`: how often to differentiate with respect to time; multiplies $w_k$ by
-        $(z_k/t)^m$.
 
-    **Returns:** values of the shape of `t`. Each factor $1 + z T/t$ is written as
-    $(u + z v)/u$ with $u = t/(t+T)$, $v = T/(t+T)$, both in [0, 1], so that nothing overflows for
-    small t or any ratio of lags.
+    **Returns:** values of the shape of `t`.
+    """
+    return chain_derivatives(t, lags, 0)[0]
+
+
+def chain_derivatives(
+    t: Float[Array, "*shape"], lags: Lags, highest: int
+) -> list[Float[Array, "*shape"]]:
+    r"""$g, t g', t^2 g'', \dots$ up to the derivative `highest`, from one set of denominators.
+
+    Differentiating with respect to time multiplies $w_k$ by $z_k/t$. Each factor $1 + z T/t$ is
+    written as $(u + z v)/u$ with $u = t/(t+T)$, $v = T/(t+T)$, both in [0, 1], so that nothing
+    overflows for small t or any ratio of lags.
     """
     started = t > 0
     t = jnp.where(started, t, jnp.ones_like(t))
-    parts = []
-    numerator = jnp.ones_like(t)
-    for j in range(lags.shape[0]):
-        inverse = 1 / (t + lags[j])
-        u, v = t * inverse, lags[j] * inverse
-        parts.append((u, v))
-        numerator = numerator * u
-    total = jnp.zeros_like(numerator)
-    for pole, weight in _pairs(numerator.dtype):
-        weight = weight * pole**derivative
-        re, im = jnp.ones_like(numerator), jnp.zeros_like(numerator)
-        for u, v in parts:
+    inverses = [1 / (t + lags[j]) for j in range(lags.shape[0])]
+    shares = [(t * x, lags[j] * x) for j, x in enumerate(inverses)]
+    totals = [jnp.zeros_like(shares[0][0])] * (highest + 1)
+    for pole, weight in _pairs(totals[0].dtype):
+        re, im = jnp.ones_like(totals[0]), jnp.zeros_like(totals[0])
+        for u, v in shares:
             a, b = u + pole.real * v, pole.imag * v
             re, im = re * a - im * b, re * b + im * a
-        total = total + (weight.real * re + weight.imag * im) / (re * re + im * im)
-    return jnp.where(started, total * numerator / t**derivative, 0)
+        size = re * re + im * im
+        for m in range(highest + 1):
+            totals[m] = totals[m] + (weight.real * re + weight.imag * im) / size
+            weight = weight * pole
+    product = shares[0][0]
+    for u, _ in shares[1:]:
+        product = product * u
+    return [jnp.where(started, total * product, 0) for total in totals]
 
 
 def lag_power_response(

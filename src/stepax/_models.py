@@ -16,10 +16,10 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Int, Shaped
 from ._contour import chain_response
 from ._export import control_transfer_function, scipy_transfer_function
 from ._responses import (
+    MAX_ORDER,
     equal_lag_response,
     equal_spacing_response,
     first_order_response,
-    MAX_ORDER,
     second_order_response,
 )
 from ._types import Lags, Samples, Scalar
@@ -189,27 +189,16 @@ class Hudzovic(AbstractChain):
     r: Float[ArrayLike, "..."] = _parameter()
     n: int | Int[Array, "..."] = eqx.field(converter=_as_order)
 
-    def _relative_rates(self) -> list[Array]:
-        """T/T_k = 1 - (k-1) r for all places of `.lags`."""
-        length, _ = _positions(self.n)
-        return [_one_minus_multiple(k, self.r) for k in range(length)]
-
     @property
     def lags(self) -> Lags:
         """T_k, ascending."""
-        _, used = _positions(self.n)
-        rates = jnp.stack(self._relative_rates())
+        length, used = _positions(self.n)
+        rates = jnp.stack([one_minus_multiple(k, self.r) for k in range(length)])
         return jnp.where(used, self.T / jnp.where(used, rates, 1), 0)
 
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), by the closed form for equally spaced rates."""
-        rates = self._relative_rates()
-        if isinstance(self.n, int):
-            slowest = rates[-1]
-        else:
-            slowest = jnp.full_like(rates[0], jnp.nan)
-            for k, rate in enumerate(rates):
-                slowest = jnp.where(self.n == k + 1, rate, slowest)
+        slowest = one_minus_multiple(self.n - 1, self.r)
         slowest = jnp.where((slowest > 0) & (self.r >= 0), slowest, jnp.nan)
         return equal_spacing_response(t, slowest / self.T, self.r / self.T, self.n)
 
@@ -349,14 +338,13 @@ class SOPDT(AbstractPlant):
         return np.array([-zeta * omega_n + 1j * damped, -zeta * omega_n - 1j * damped])
 
 
-def _one_minus_multiple(k: int, r: Scalar) -> Array:
-    """`1 - k r` without the rounding error of `k r`.
+def one_minus_multiple(k: int | Array, r: Scalar) -> Array:
+    """`1 - k r` without the rounding error of `k r`, for a whole 0 <= k < 2^8.
 
     Subtracts power-of-two multiples of r: near `k r = 1` each partial difference is exact
     (Sterbenz), so that Hudzovic's lags keep their digits up to the end of the range of r.
     """
     value = jnp.ones_like(r)
-    for bit in reversed(range(k.bit_length())):
-        if k >> bit & 1:
-            value = value - (1 << bit) * r
+    for bit in reversed(range(k.bit_length() if isinstance(k, int) else 8)):
+        value = value - (k >> bit & 1) * (1 << bit) * r
     return value

@@ -63,7 +63,7 @@ def status_name(status: Status) -> str:
     return list(Status._name_to_item)[int(status._value)]
 
 
-def _nan_where(condition: Flag, tree):
+def nan_where(condition: Flag, tree):
     """`tree` with its real leaves NaN where `condition` holds."""
     return jax.tree.map(
         lambda x: jnp.where(condition, jnp.nan, x) if eqx.is_inexact_array(x) else x, tree
@@ -121,7 +121,7 @@ def conclude(
     details: dict[str, Array] | None = None,
 ) -> Identification:
     """Result of a method: errors over the rows from the step on, NaN where the status refuses."""
-    model = _nan_where(refused(status), model)
+    model = nan_where(refused(status), model)
     rows = record.after_step
     residual = jnp.where(rows, record.y - predict(model, record, record.t), 0)
     count = jnp.sum(rows)
@@ -133,7 +133,7 @@ def conclude(
         std = dict.fromkeys(parameter_names(model), jnp.full((), jnp.nan, residual.dtype))
     if covariance is None:
         covariance = jnp.full((len(free), len(free)), jnp.nan, residual.dtype)
-    std, covariance = _nan_where(refused(status), (std, covariance))
+    std, covariance = nan_where(refused(status), (std, covariance))
     return Identification(
         model=model,
         status=status,

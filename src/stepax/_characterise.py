@@ -1,0 +1,161 @@
+"""Characteristic times of a recorded response: level crossings and the tangent at the inflection."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from ._models import as_real
+from ._preprocess import estimate_levels, lagrange_weights, smooth
+from ._record import StepRecord
+from ._types import Samples, Scalar
+
+
+class Tangent(NamedTuple):
+    """Tangent at the inflection (Hudzovic; Murray 2016, figure 1).
+
+    `Tu`: from the step to where the tangent leaves the initial level; `Tg`: from there to where
+    it reaches the final level. `t_inflection`, `y_inflection`, `slope`: the point and its slope;
+    times count from the step.
+    """
+
+    Tu: Array
+    Tg: Array
+    t_inflection: Array
+    y_inflection: Array
+    slope: Array
+
+
+def levels(record: StepRecord) -> tuple[Scalar, Scalar]:
+    """Initial and final level: those of the record where known, else estimated."""
+    initial, final = estimate_levels(record.t, record.y, record.step_time)
+    return (
+        initial if record.initial is None else record.initial,
+        final if record.final is None else record.final,
+    )
+
+
+def smoothed(record: StepRecord, span: float | None) -> Samples:
+    """The record's output, after LOESS where a `span` is given."""
+    return record.y if span is None else smooth(record.t, record.y, span)
+
+
+def _relative(record: StepRecord, span: float | None) -> Samples:
+    """(y - initial)/(final - initial), 0 before the step."""
+    initial, final = levels(record)
+    change = final - initial
+    y = (smoothed(record, span) - initial) / jnp.where(change == 0, jnp.nan, change)
+    return jnp.where(record.after_step, y, 0)
+
+
+def crossing_times(
+    record: StepRecord, levels: Float[ArrayLike, " levels"], span: float | None = None
+) -> Float[Array, " levels"]:
+    """Times from the step at which the response reaches `initial + q (final - initial)`.
+
+    **Arguments:**
+
+    - `levels`: the shares q, a number or a row, e.g. `[0.1, 0.5, 0.9]`.
+    - `span`: smooth with LOESS first; None uses the record as it is.
+
+    **Returns:** one time per level, by the cubic through the four nearest samples (error of fourth
+    order in the sampling interval). Where noise crosses a level several times on the way up to the
+    largest value, the middle between the first and the last upward crossing; later returns through
+    a level (oscillation) do not count. NaN where the response never crosses.
+    """
+    q = as_real(levels).astype(record.t.dtype)
+    y = _relative(record, span)
+    t = record.t - record.step_time
+    times = jax.vmap(lambda level: _crossing(t, y, level))(jnp.atleast_1d(q))
+    return times.reshape(q.shape)
+
+
+def _crossing(t: Samples, y: Samples, level: Scalar) -> Scalar:
+    rows = jnp.arange(y.shape[0] - 1)
+    upward = (y[:-1] < level) & (y[1:] >= level) & (rows < jnp.argmax(y))
+    first = jnp.argmax(upward)
+    last = y.shape[0] - 2 - jnp.argmax(upward[::-1])
+    time = 0.5 * (_interpolate(t, y, first, level) + _interpolate(t, y, last, level))
+    return jnp.where(jnp.any(upward), time, jnp.nan)
+
+
+def _interpolate(t: Samples, y: Samples, row: Array, level: Scalar) -> Scalar:
+    """Where the cubic through the samples around `row` has a level between `row` and the next.
+
+    The samples all lie at or after the step, whose kink no polynomial follows.
+    """
+    first_row = jnp.minimum(jnp.argmax(t >= 0), y.shape[0] - 4)
+    start = jnp.clip(row - 1, first_row, y.shape[0] - 4)
+    nodes = [t[start + k] for k in range(4)]
+    values = [y[start + k] for k in range(4)]
+    low, high = t[row], t[row + 1]
+
+    def distance(x):
+        weights = lagrange_weights(nodes, x)
+        return sum(w * v for w, v in zip(weights, values, strict=True)) - level
+
+    def narrow(_, bracket):
+        low, high = bracket
+        middle = 0.5 * (low + high)
+        below = distance(middle) < 0
+        return jnp.where(below, middle, low), jnp.where(below, high, middle)
+
+    bits = jnp.finfo(t.dtype).nmant
+    low, high = jax.lax.fori_loop(0, bits // 2, narrow, jax.lax.stop_gradient((low, high)))
+    x = 0.5 * (low + high)
+    for _ in range(2):  # Newton: from half the digits to all, and the derivative of the result
+        value, slope = jax.jvp(distance, (x,), (jnp.ones_like(x),))
+        x = x - value / jnp.where(slope > 0, slope, 1)
+    return x
+
+
+def tangent(record: StepRecord, span: float | None = None) -> Tangent:
+    """Tangent at the point of steepest rise towards the final level.
+
+    The slope at each sample from the step on is that of the quartic through five samples; around
+    the largest, the quartic's own inflection is taken (error of fourth order in the sampling
+    interval). `span` smooths with LOESS first: noise makes slopes useless without it. NaN where
+    there is no rise.
+    """
+    initial, final = levels(record)
+    t, y = record.t - record.step_time, smoothed(record, span)
+    direction = jnp.where(final >= initial, 1, -1)
+    count = y.shape[0]
+    first_row = jnp.minimum(jnp.argmax(record.after_step), count - 5)
+    starts = jnp.clip(jnp.arange(count) - 2, first_row, count - 5)
+
+    def slope_at(row):
+        return _quartic(t, y, starts[row], t[row])[1]
+
+    slopes = jax.vmap(slope_at)(jnp.arange(count))
+    row = jnp.argmax(jnp.where(record.after_step, direction * slopes, -jnp.inf))
+
+    def curvature(x):
+        return _quartic(t, y, starts[row], x)[2]
+
+    x = t[row]
+    reach = 0.5 * (t[starts[row] + 4] - t[starts[row]])
+    for _ in range(4):
+        value, change = jax.jvp(curvature, (x,), (jnp.ones_like(x),))
+        move = value / jnp.where(change * direction < 0, change, jnp.inf)
+        x = jnp.clip(x - move, jnp.maximum(t[row] - reach, t[starts[row]]), t[row] + reach)
+    y_i, slope, _ = _quartic(t, y, starts[row], x)
+    slope = jnp.where(direction * slope > 0, slope, jnp.nan)
+    return Tangent(x - (y_i - initial) / slope, (final - initial) / slope, x, y_i, slope)
+
+
+def _quartic(t: Samples, y: Samples, start: Array, x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+    """Value, slope and curvature at `x` of the quartic through five samples."""
+    nodes = [t[start + k] for k in range(5)]
+    values = [y[start + k] for k in range(5)]
+
+    def value(x):
+        weights = lagrange_weights(nodes, x)
+        return sum(w * v for w, v in zip(weights, values, strict=True))
+
+    def slope(x):
+        return jax.jvp(value, (x,), (jnp.ones_like(x),))[1]
+
+    curvature = jax.jvp(slope, (x,), (jnp.ones_like(x),))[1]
+    return value(x), slope(x), curvature
