@@ -14,7 +14,7 @@ STEP = mpf(10) ** -35
 FORGOTTEN = 2000  # exp(-2000) is below every digit that is kept
 
 
-def exact(x) -> mpf:
+def exact(x) -> mpmath.mpf:
     """The exact value of a float of any width."""
     return mpf(float(x))
 
@@ -78,14 +78,14 @@ def unit_response(family: str, elapsed, p):
     return UNIT_RESPONSE[family](elapsed, p) if elapsed > 0 else mpf(0)
 
 
-def step_response(family: str, t, parameters: dict) -> mpf:
+def step_response(family: str, t, parameters: dict) -> mpmath.mpf:
     """Response of a model whose parameters are exact numbers; a whole `n` is a Python int."""
     with enough_digits(family, parameters):
         p = LEVELS | parameters
         return p["offset"] + p["gain"] * unit_response(family, mpf(t) - p["delay"], p)
 
 
-def derivatives(family: str, t, parameters: dict) -> dict[str, mpf]:
+def derivatives(family: str, t, parameters: dict) -> dict[str, mpmath.mpf]:
     """Derivatives with respect to every parameter and `t`; up to the delay all but one are 0.
 
     One-sided at a parameter of 0, where the range of r and of a lag ends.

@@ -9,14 +9,14 @@ import oracle
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mpmath import mp, mpc, mpf
+from mpmath import mp, mpf
 
 import stepax
 from stepax._contour import _pairs, chain_derivatives, chain_response, lag_power_response
 
 
 DTYPES = (np.float64, np.float32)
-TIMES = np.array([-1, 0, 1e-9, 1e-6, 1e-3, 0.03, 0.3, 0.7, 1, 1.5, 2.5, 8, 50])
+TIMES = np.array([-1, 0, 1e-9, 1e-5, 0.03, 0.3, 0.7, 1, 1.5, 2.5, 8, 50])
 """In units of the sum of the lags."""
 
 response = jax.jit(chain_response)
@@ -51,8 +51,9 @@ def test_weights_approximate_the_exponential(dtype, in_float64, exactly):
     values = np.sum((weights * poles / (poles - x[:, None])).real, axis=1)
     assert np.max(np.abs(values - np.exp(x))) <= in_float64
     with mp.workdps(40):
+        pairs = [(mpmath.mpmathify(z), mpmath.mpmathify(w)) for z, w in _pairs(dtype)]
         for point in map(mpf, x):
-            terms = ((mpc(w) * mpc(z) / (mpc(z) - point)).real for z, w in _pairs(dtype))
+            terms = ((w * z / (z - point)).real for z, w in pairs)
             assert abs(mpmath.fsum(terms) - mpmath.exp(point)) <= exactly
 
 
@@ -147,7 +148,7 @@ def test_real_power_of_a_lag(power):
 def test_derivatives_in_time_are_those_of_jvp(lags):
     """Times t^m, as the kernel gives them."""
     lags = jnp.asarray(lags)
-    t = jnp.linspace(0.01, 5, 60) * jnp.sum(lags)
+    t = jnp.linspace(0.01, 5, 12) * jnp.sum(lags)
 
     def first(t):
         return jax.jvp(lambda t: chain_response(t, lags), (t,), (jnp.ones_like(t),))

@@ -25,7 +25,7 @@ MODELS = {
     "SOPDT, critical": SOPDT(zeta=1.0, omega_n=1.2, gain=-1.0),
     "SOPDT, slow": SOPDT(zeta=3.0, omega_n=1.2),
 }
-T = np.linspace(0, 15, 61)
+T = np.linspace(0, 15, 12)
 
 models = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 
@@ -49,7 +49,7 @@ def test_scipy_step_response(model):
 def test_control_step_response(model):
     plant = model.to_control()
     assert isinstance(plant, control.TransferFunction)
-    y = control.forced_response(plant, T, np.ones_like(T)).outputs
+    y = control.step_response(plant, T).outputs
     check_step(model, y)
     assert np.allclose(plant.dcgain(), model.static_gain, rtol=1e-12)
 
@@ -80,7 +80,7 @@ def test_step_response_with_a_delay(export):
     model = EqualLag(T=1.0, n=3, gain=2.0, delay=1.5)
     plant = getattr(model, export)(pade_order=5)
     if export == "to_control":
-        y = control.forced_response(plant, T, np.ones_like(T)).outputs
+        y = control.step_response(plant, T).outputs
     else:
         y = signal.step(plant, T=T)[1]
     assert np.allclose(y, model.step_response(T), rtol=0, atol=1e-3)
@@ -110,7 +110,6 @@ def test_whole_float_order_is_a_chain():
     whole, integer = EqualLag(T=2.0, n=3.0), EqualLag(T=2.0, n=3)
     assert np.array_equal(whole.lags, integer.lags)
     assert np.array_equal(whole.poles, integer.poles)
-    assert np.array_equal(whole.to_scipy().poles, integer.to_scipy().poles)
     assert np.allclose(whole.to_control().den[0][0], integer.to_control().den[0][0])
 
 

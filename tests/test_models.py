@@ -23,7 +23,7 @@ OWN = {
 }
 CLASSES = {name: getattr(stepax, name.split(",")[0]) for name in OWN}
 T = jnp.array([-1, 0, 2.7, 2.75, 3, 4, 5.5, 8, 12, 20, 40, 90])
-"""One shape wherever values are compared: every operation is then compiled once."""
+"""Every axis of a batch has as many: each operation is then compiled for few shapes."""
 
 families = pytest.mark.parametrize("name", OWN)
 chains = pytest.mark.parametrize("cls", [Hudzovic, Sani])
@@ -74,15 +74,13 @@ def test_integers_and_lists_are_numbers():
     assert np.allclose(FOPDT(T=2).step_response(T), 1 - np.exp(-after / 2))
     assert np.allclose(Sani(T=1, r=0, n=np.int64(3)).step_response(T), 1 - np.exp(-after))
     expected = PTn(lags=np.array([1.0, 2.0]), gain=3.0).step_response(T)
-    assert np.allclose(PTn(lags=[1, 2], gain=3).step_response(T), expected)
+    assert np.allclose(PTn(lags=[1, 2], gain=3).step_response(T), expected)  # pyright: ignore[reportArgumentType]
 
 
-@pytest.mark.parametrize("name", ["Hudzovic", "Sani"])
-def test_times_of_any_shape(name):
-    model = make(name)
-    grid = T.reshape(3, 4)
-    for method in (model.step_response, model.impulse_response, model.frequency_response):
-        assert np.allclose(method(grid).reshape(-1), method(T), rtol=0, atol=1e-12)
+def test_times_of_any_shape():
+    model = make("Hudzovic")
+    grid = jax.jit(model.step_response)(T.reshape(3, 4))
+    assert np.allclose(grid.reshape(-1), model.step_response(T), rtol=0, atol=1e-12)
 
 
 def shape_and_dtype(function, *arguments):
@@ -127,26 +125,25 @@ def test_float32_parameters(name):
 
 @ordered
 def test_mixed_orders_in_one_batch(cls):
-    orders = jnp.arange(2, MAX_ORDER + 1)
+    orders = jnp.array([2, 3, 4, 5, 6, 7, 8, 2, 8, 3, 7, 1])
 
     def response(n):
         return of_order(cls, n).step_response(T), of_order(cls, n).lags
 
     responses, lags = jax.vmap(response)(orders)
-    for n, y, row in zip(range(2, MAX_ORDER + 1), responses, lags, strict=True):
+    for n, y, row in zip(map(int, orders), responses, lags, strict=True):
         assert np.allclose(y, of_order(cls, n).step_response(T), rtol=0, atol=1e-13)
         assert np.allclose(row[:n], of_order(cls, n).lags, rtol=1e-15)
         assert np.all(row[n:] == 0)
 
 
 @ordered
-@pytest.mark.parametrize("n", [1, 4])
-def test_derivatives_with_an_array_order(cls, n):
+def test_derivatives_with_an_array_order(cls):
     def total(own, n):
         return jnp.sum(of_order(cls, n, *own).step_response(T))
 
     own = (1.7, 0.1)
-    static, traced = jax.grad(total)(own, n), jax.grad(total)(own, jnp.asarray(n))
+    static, traced = jax.grad(total)(own, 4), jax.grad(total)(own, jnp.asarray(4))
     assert np.allclose(static, traced, rtol=1e-11, atol=1e-11)
 
 
@@ -174,7 +171,7 @@ def test_lags_by_their_formulae():
     assert np.allclose(Sani(T=2, r=0.25, n=3).lags, [2, 0.5, 0.125], rtol=1e-15)
     assert np.array_equal(EqualLag(T=2, n=3).lags, [2, 2, 2])
     assert np.array_equal(EqualLag(T=2, n=3.0).lags, [2, 2, 2])
-    assert np.array_equal(PTn(lags=[3, 0, 1]).lags, [3, 0, 1])
+    assert np.array_equal(PTn(lags=np.array([3, 0, 1])).lags, [3, 0, 1])
     assert np.array_equal(FOPDT(T=2).lags, [2])
     lags = SOPDT(zeta=1.25, omega_n=0.5).lags  # rates 0.25 and 1
     assert np.allclose(lags, [4, 1], rtol=1e-15)
@@ -193,7 +190,7 @@ def test_outside_their_range_models_are_nan():
         Hudzovic(T=1, r=0.5, n=3),
         Hudzovic(T=1, r=-0.1, n=3),
         Sani(T=1, r=-0.1, n=3),
-        PTn(lags=[1.0, -1.0]),
+        PTn(lags=np.array([1.0, -1.0])),
         EqualLag(T=1, n=41.0),
     ):
         y = model.step_response(T)
@@ -235,7 +232,7 @@ def test_filter_jit_and_filter_grad(name):
 
 @families
 def test_vmap_of_a_stacked_model(name):
-    models = [make(name, gain=g, delay=d) for g, d in [(1.0, 0.0), (2.0, 1.5), (-1.0, 4.0)]]
+    models = [make(name, gain=1.0 + k, delay=k / 2) for k in range(len(T))]
     stacked = jax.tree.map(lambda *leaves: jnp.stack([jnp.asarray(x) for x in leaves]), *models)
     batch = jax.vmap(lambda model: model.step_response(T))(stacked)
     expected = jnp.stack([model.step_response(T) for model in models])
@@ -244,14 +241,14 @@ def test_vmap_of_a_stacked_model(name):
 
 @families
 def test_model_as_a_result_of_vmap(name):
-    gains = jnp.array([1.0, 2.0, 3.0])
+    gains = jnp.arange(len(T)) + 1.0
     models = jax.vmap(lambda gain: make(name, gain=gain))(gains)
     batch = jax.vmap(lambda model: model.step_response(T))(models)
     assert np.allclose(batch[1], make(name, gain=2.0).step_response(T), rtol=0, atol=1e-12)
 
 
 def test_second_derivative_in_a_real_order():
-    orders, h = jnp.array([0.4, 1.0, 1.5, 2.0, 2.7, 8.0, 21.3]), 1e-4
+    orders, h = jnp.array([0.4, 0.9, 1, 1.1, 1.5, 2, 2.1, 2.7, 5.5, 8, 21.3, 32]), 1e-4
 
     def slope(n):
         response = jax.vmap(lambda n: EqualLag(T=1.7, n=n).step_response(T))

@@ -20,9 +20,9 @@ MODELS = {
     "FOPDT": FOPDT(T=1.7, gain=3.0),
     "SOPDT": SOPDT(zeta=0.3, omega_n=1.2),
 }
-T = np.linspace(0, 12, 61)
-UNEVEN = np.cumsum(np.random.default_rng(1).uniform(0, 0.5, 61)) - 3.0
-U = np.random.default_rng(2).normal(size=61)
+T = np.linspace(0, 9, 12)
+UNEVEN = np.cumsum(np.random.default_rng(1).uniform(0, 1.5, 12)) - 3.0
+U = np.random.default_rng(2).normal(size=12)
 
 families = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 rational = pytest.mark.parametrize(
@@ -52,8 +52,8 @@ def test_even_sampling_agrees_with_scipy(model):
     """The plant discretised exactly for a zero-order hold, as a difference equation."""
     plant = model.to_scipy().to_ss()
     discrete = signal.cont2discrete((plant.A, plant.B, plant.C, plant.D), T[1], method="zoh")
-    _, y, _ = signal.dlsim(discrete, U)
-    assert np.allclose(model.respond(T, U), model.offset + y[:, 0], rtol=0, atol=1e-10)
+    y = signal.dlsim(discrete, U)[1][:, 0]
+    assert np.allclose(model.respond(T, U), model.offset + y, rtol=0, atol=1e-10)
 
 
 @families
@@ -75,7 +75,7 @@ def test_hold_lasts_until_the_next_sample():
 
 def test_respond_is_differentiable_and_batched():
     """Slopes with respect to a parameter and the input, over a batch of inputs."""
-    t, inputs, h = jnp.asarray(UNEVEN[:20]), jnp.stack([U[:20], U[20:40]]), 1e-6
+    t, inputs, h = jnp.asarray(UNEVEN), jnp.stack([U, U[::-1]]), 1e-6
 
     def last(T, u):
         return FOPDT(T=T, delay=0.5).respond(t, u)[-1]

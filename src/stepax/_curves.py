@@ -168,7 +168,7 @@ def lookup_curves(model: type[AbstractChain], n: ArrayLike, r: Float[ArrayLike, 
 # --- inverses --------------------------------------------------------------------------------
 
 
-def _from_spread(model: type[AbstractChain], log_c: Scalar, n: Count) -> AbstractChain:
+def chain_with_spread(model: type[AbstractChain], log_c: Scalar, n: Count) -> AbstractChain:
     """Chain whose lags sum to 1 at a spread coordinate c <= 1; its times are smooth in c too."""
     s = jnp.exp(log_c) / (1 + jnp.sqrt(-jnp.expm1(log_c))) ** 2
     r = s if model is Sani else (1 - s) / (n - 1)
@@ -236,7 +236,7 @@ def _invert(model, ratio: _Ratio, value, n, end, first_order, interior) -> Scala
     """
     value = jnp.where(interior, value, 0.5 * (end + first_order))
     log_c = _spread_of(value, n, end, model, ratio, first_order)
-    return _from_spread(model, log_c, n).r
+    return chain_with_spread(model, log_c, n).r
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(3, 4, 5))
@@ -276,7 +276,7 @@ def _spread_of_jvp(model, ratio, first_order, primals, tangents):
     value, n, end = primals
     log_c = _spread_of(value, n, end, model, ratio, first_order)
     _, slope = jax.jvp(
-        lambda x: ratio.value(_from_spread(model, x, n)), (log_c,), (jnp.ones_like(log_c),)
+        lambda x: ratio.value(chain_with_spread(model, x, n)), (log_c,), (jnp.ones_like(log_c),)
     )
     return log_c, tangents[0] / slope
 
@@ -290,9 +290,9 @@ def _newton_levels(model, n, log_c, log_t):
     """lam by one Newton step on each level time."""
 
     def response(log_c):
-        return _from_spread(model, log_c, n).unit_response(jnp.exp(log_t))
+        return chain_with_spread(model, log_c, n).unit_response(jnp.exp(log_t))
 
-    _, slope_t = _response_and_slope(_from_spread(model, log_c, n), jnp.exp(log_t))
+    _, slope_t = _response_and_slope(chain_with_spread(model, log_c, n), jnp.exp(log_t))
     g, slope_c = jax.jvp(response, (log_c,), (jnp.ones_like(log_c),))
     eps = jnp.finfo(g.dtype).eps
     g = jnp.clip(g, eps, 1 - eps)
@@ -310,15 +310,15 @@ def _newton_tangent(model, n, log_c, log_t):
     """Tu/Tg: stationary in the time of the inflection, which takes one Newton step on its own."""
 
     def at(log_c, t):
-        plant = _from_spread(model, log_c, n)
+        plant = chain_with_spread(model, log_c, n)
         g, slope = _response_and_slope(plant, t)
         return slope - g
 
     if model is Hudzovic:
-        ratio = lambda x: _tu_tg(_from_spread(model, x, n))  # noqa: E731
+        ratio = lambda x: _tu_tg(chain_with_spread(model, x, n))  # noqa: E731
         value, slope = jax.jvp(ratio, (log_c,), (jnp.ones_like(log_c),))
         return value, slope, log_t, jnp.zeros_like(log_t)
-    plant = _from_spread(model, log_c, n)
+    plant = chain_with_spread(model, log_c, n)
     lower, upper = _inflection_bracket(plant)
     x = jnp.clip(log_t[0], lower, upper)
     value, slope = _inflection_equation(plant.lags, x)
@@ -343,7 +343,7 @@ def _formula_t50(plant: Sani) -> Array:
 
 def _newton_formula(model, n, log_c, log_t):
     value, slope = jax.jvp(
-        lambda x: _formula_lam(_from_spread(model, x, n)), (log_c,), (jnp.ones_like(log_c),)
+        lambda x: _formula_lam(chain_with_spread(model, x, n)), (log_c,), (jnp.ones_like(log_c),)
     )
     return value, slope, log_t, jnp.zeros_like(log_t)
 

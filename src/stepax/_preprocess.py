@@ -10,9 +10,7 @@ from ._models import as_real
 from ._types import Samples, Scalar
 
 
-def smooth(
-    t: Float[Array, " samples"], y: Float[Array, " samples"], span: float = 0.2
-) -> Samples:
+def smooth(t: Float[Array, " samples"], y: Float[Array, " samples"], span: float = 0.2) -> Samples:
     r"""LOESS: local quadratic regression with tricube weights $(1 - |x|^3)^3$ (Cleveland 1979).
 
     The ceil(`span` N) samples nearest in time serve each point, scaled by the distance of the
@@ -162,9 +160,7 @@ def estimate_levels(t: Samples, y: Samples, step_time: Scalar) -> tuple[Scalar, 
     """
     before = t <= step_time
     count = jnp.maximum(jnp.sum(before), 1)
-    initial = jnp.where(
-        jnp.any(before), jnp.sum(jnp.where(before, y, 0)) / count, y[0]
-    )
+    initial = jnp.where(jnp.any(before), jnp.sum(jnp.where(before, y, 0)) / count, y[0])
     tail = y[-max(1, math.ceil(0.05 * y.shape[0])) :]
     clean = noise_level(t, y) < 1e-4 * (jnp.max(y) - jnp.min(y))
     return initial, jnp.where(clean, y[-1], jnp.mean(tail))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ._result import Status
+from ._result import refused, Status
 from ._types import Flag, Samples, Scalar
 
 
@@ -144,3 +144,27 @@ def record_status(record: StepRecord) -> Status:
     for wrong, reason in reversed(checks):
         status = Status.where(wrong, reason, status)
     return status
+
+
+def usable_record(record: StepRecord) -> tuple[Status, StepRecord]:
+    """Status of a record, and the record itself or, where it is refused, a harmless stand-in.
+
+    Numerical code runs on the stand-in without a NaN or an endless loop; its result is discarded.
+    """
+    status = record_status(record)
+    bad = refused(status)
+    count = max(record.t.size, MIN_SAMPLES)
+    dtype = record.t.dtype
+    t = jnp.arange(count, dtype=dtype)
+    stand_in = StepRecord(
+        t,
+        1 - jnp.exp(-5 * t / count),
+        jnp.zeros((), dtype),
+        jnp.ones((), dtype),
+        None if record.initial is None else jnp.zeros((), dtype),
+        None if record.final is None else jnp.ones((), dtype),
+    )
+    if record.t.size < MIN_SAMPLES:
+        return status, stand_in
+    pick = lambda a, b: jnp.where(bad, a, b)  # noqa: E731
+    return status, jax.tree.map(pick, stand_in, record.plain)

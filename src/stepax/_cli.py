@@ -1,0 +1,311 @@
+"""The command line: `stepax identify`, `compare`, `methods`, `lookup`.
+
+Heavy imports stand inside the functions that need them, so that `stepax --help` is quick. Bad
+input ends with code 2 and one paragraph on stderr; no file is written then.
+"""
+
+import contextlib
+import functools
+import logging
+import os
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from ._outputs import Outputs
+
+
+if TYPE_CHECKING:
+    from ._record import StepRecord
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Transfer functions from recorded step responses.",
+)
+
+ClickException: type[Exception] = typer.BadParameter.__mro__[2]
+"""Wrong usage; newer versions of typer bring their own click, older ones import it."""
+
+EXAMPLES = {"heater": "heater.csv"}
+SIMULATED = "This record is simulated: it comes with stepax as an example and was not measured."
+
+File = Annotated[Path | None, typer.Argument(help="CSV, text table or MAT file.")]
+Time = Annotated[str | None, typer.Option(help="Column of the time: name, or number from 1.")]
+Output = Annotated[str | None, typer.Option(help="Column of the output.")]
+Input = Annotated[str | None, typer.Option(help="Column of the input, where the step is found.")]
+Step = Annotated[int | None, typer.Option(help="Which step of the input; -1 is the last.")]
+Plot = Annotated[Path | None, typer.Option(help="Write a plot: PNG, PDF, SVG, ...")]
+Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON.")]
+Example = Annotated[str | None, typer.Option(help="Use a record of the package: heater.")]
+Number = float | None
+
+
+def main() -> None:
+    """Entry point of the command `stepax`."""
+    warnings.simplefilter("ignore")  # on stderr there is one paragraph, or nothing
+    logging.getLogger("jax").setLevel(logging.ERROR)
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(AttributeError):
+            stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Run one command line and return its exit code."""
+    try:
+        code = app(arguments, prog_name="stepax", standalone_mode=False)
+        return code if isinstance(code, int) else 0
+    except ClickException as error:
+        if type(error).__name__ == "NoArgsIsHelpError":  # its message is the help
+            print(error.format_message(), file=sys.stderr)  # type: ignore[attr-defined]
+        else:
+            complain(error.format_message())  # type: ignore[attr-defined]
+        return 2
+    except typer.Abort:
+        complain("interrupted.")
+        return 130
+
+
+def complain(message: str) -> None:
+    """One paragraph on stderr."""
+    print("stepax:", " ".join(message.split()), file=sys.stderr)
+
+
+def _sentence(error: Exception) -> str:
+    """What an exception says."""
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename or 'The file'} cannot be used: {error.strerror}."
+    return str(error.args[0]) if error.args else type(error).__name__
+
+
+def _command(function: Callable) -> Callable:
+    """A command: JAX set up, and what goes wrong in one paragraph, with exit code 2."""
+
+    @app.command()
+    @functools.wraps(function)
+    def command(*args, **kwargs):
+        try:
+            set_up_jax()
+            function(*args, **kwargs)
+            sys.stdout.flush()
+        except BrokenPipeError:  # the reader has seen enough, as in `stepax methods | head`
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        except (ValueError, TypeError, KeyError, OSError, ImportError) as error:
+            complain(_sentence(error))
+            raise typer.Exit(2) from None
+
+    return command
+
+
+def set_up_jax() -> None:
+    """Double precision, and compiled code kept between runs where the disk allows."""
+    import jax
+
+    jax.config.update("jax_enable_x64", True)
+    if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        return
+    with contextlib.suppress(OSError, RuntimeError):  # RuntimeError: there is no home
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "stepax"
+        folder.mkdir(parents=True, exist_ok=True)
+        if os.access(folder, os.W_OK):
+            jax.config.update("jax_compilation_cache_dir", str(folder))
+            jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+# The record
+
+
+@contextlib.contextmanager
+def _record_file(file: Path | None, example: str | None) -> Iterator[Path]:
+    """The record to read: a file, or one of the package."""
+    if (file is None) == (example is None):
+        raise ValueError("Give a FILE or --example NAME" + (", not both." if file else "."))
+    if file is not None:
+        yield file
+        return
+    if example not in EXAMPLES:
+        known = ", ".join(EXAMPLES)
+        raise KeyError(f"There is no example {example!r}; the known ones are: {known}.")
+    from importlib.resources import as_file, files
+
+    with as_file(files("stepax") / "examples" / EXAMPLES[example]) as path:
+        yield path
+
+
+def _read(file: Path | None, example: str | None, **columns) -> "StepRecord":
+    """The record of a file or an example."""
+    from ._read import read_record
+
+    with _record_file(file, example) as path:
+        return read_record(path, **columns)
+
+
+# Terminal
+
+
+def console() -> Console:
+    """Standard output; into a pipe or a file nothing is cut, wrapped or coloured."""
+    if sys.stdout.isatty():
+        return Console()
+    return Console(width=1000, no_color=True, force_terminal=False)
+
+
+def waiting(what: str):
+    """A spinner on stderr, where that is a terminal."""
+    terminal = Console(stderr=True)
+    return terminal.status(what) if terminal.is_terminal else contextlib.nullcontext()
+
+
+def _show(*parts: Any, written: list[Path] = []) -> None:  # noqa: B006 (not changed)
+    out = console()
+    for part in parts:
+        if isinstance(part, str):
+            out.print(part, markup=False, highlight=False)
+        else:
+            out.print(part)
+    for path in written:
+        out.print(f"Written: {path}", markup=False, highlight=False)
+
+
+def _heading(record: "StepRecord", example: str | None) -> str:
+    """What was read, in a line or two."""
+    from ._notation import Units, number
+
+    units = Units.of(record.labels)
+    size, time = f"{number(record.step_size)} {units.input}", f"{number(record.step_time)} "
+    line = f"{record.labels.source}: {record.t.size} rows, step of {size.rstrip()}"
+    line += f" at t = {time + units.time}".rstrip()
+    return f"{line}\n{SIMULATED}" if example else line
+
+
+# Commands
+
+
+@_command
+def identify(
+    file: File = None,
+    time: Time = None,
+    output: Output = None,
+    input: Input = None,
+    step: Step = None,
+    method: Annotated[str, typer.Option(help="See `stepax methods`.")] = "auto",
+    plot: Plot = None,
+    json: Json = None,
+    example: Example = None,
+) -> None:
+    """Identify a transfer function from a recorded step response."""
+    from ._identify import chosen_method
+    from ._identify import identify as identify_record
+    from ._report import report, to_json
+    from ._result import Status, refused
+
+    outputs = Outputs(plot, json)
+    outputs.check(file)
+    record = _read(file, example, time=time, output=output, input=input, step=step)
+    with waiting(f"Identifying {record.labels.source} ..."):
+        result = identify_record(record, method)
+        if bool(refused(result.status)):
+            raise ValueError(f"{record.labels.source}: {Status[result.status]}")
+        name = chosen_method(result) if method == "auto" else method
+        written = outputs.write(result.plot, lambda: to_json(result, name))
+    kept = f"{name}, chosen by AICc" if method == "auto" else name
+    _show(_heading(record, example), report(result, kept, step), written=written)
+
+
+@_command
+def compare(
+    file: File = None,
+    time: Time = None,
+    output: Output = None,
+    input: Input = None,
+    step: Step = None,
+    plot: Plot = None,
+    json: Json = None,
+    example: Example = None,
+) -> None:
+    """Identify by all methods and rank the models."""
+    from ._identify import compare as compare_methods
+    from ._plot import plot_comparison
+    from ._report import comparison_report, has_model, to_json, warning_sentences
+
+    outputs = Outputs(plot, json)
+    outputs.check(file)
+    record = _read(file, example, time=time, output=output, input=input, step=step)
+    with waiting(f"Comparing methods on {record.labels.source} ..."):
+        comparison = compare_methods(record)
+        kept = [row for row in comparison.rows if has_model(row)]
+        if not kept:
+            reason = comparison.rows[0].reason if comparison.rows else "there are no methods."
+            raise ValueError(f"{record.labels.source}: no method gives a model: {reason}")
+        written = outputs.write(
+            lambda: plot_comparison(comparison),
+            lambda: [to_json(row.result, row.method) for row in kept],
+        )
+    notes = [f"Note: {text}" for text in warning_sentences(kept[0].result, step)]
+    _show(_heading(record, example), comparison_report(comparison), *notes, written=written)
+
+
+@_command
+def methods() -> None:
+    """List the methods."""
+    from ._report import method_table
+    from .methods import METHODS
+
+    rows = [("auto", "several", "Least-squares fits of several families; the best by AICc.")]
+    for name, function in METHODS.items():
+        text = (function.__doc__ or "").strip().split("\n")[0]
+        rows.append((name, model_class(name), text))
+    _show(method_table(rows))
+
+
+def model_class(method: str) -> str:
+    """Name of the class of models that a method gives."""
+    if method in ("viteckova_1", "sundaresan_krishnaswamy", "rdkam_fopdt", "fopdt_fit"):
+        return "FOPDT"
+    if method in ("viteckova_2", "latzel"):
+        return "EqualLag"
+    if method in ("harriott", "smith", "strejc", "ptn_fit"):
+        return "PTn"
+    return {"hudzovic": "Hudzovic", "sani": "Sani"}.get(method.split("_")[0], "SOPDT")
+
+
+@_command
+def lookup(
+    tu: Annotated[Number, typer.Option("--Tu", help="Apparent dead time of the tangent.")] = None,
+    tg: Annotated[Number, typer.Option("--Tg", help="Rise time of the tangent.")] = None,
+    t10: Annotated[Number, typer.Option("--t10", help="Time to 10 % of the change.")] = None,
+    t50: Annotated[Number, typer.Option("--t50", help="Time to 50 %.")] = None,
+    t90: Annotated[Number, typer.Option("--t90", help="Time to 90 %.")] = None,
+) -> None:
+    """Look a model up from times read by hand: --Tu and --Tg, or --t10, --t50 and --t90."""
+    import jax
+
+    from ._curves import lookup as look_up
+    from ._models import Hudzovic, Sani
+    from ._report import lookup_table
+    from ._result import Status, refused
+
+    times = {"Tu": tu, "Tg": tg, "t10": t10, "t50": t50, "t90": t90}
+    times = {name: time for name, time in times.items() if time is not None}
+    if set(times) not in ({"Tu", "Tg"}, {"t10", "t50", "t90"}):
+        raise ValueError("lookup takes either --Tu and --Tg, or --t10, --t50 and --t90.")
+
+    @jax.jit
+    def look_up_all(times):
+        rows = [look_up(family, **times) for family in (Hudzovic, Sani)]
+        return [*rows, look_up(Sani, formula=True, **times)] if "t50" in times else rows
+
+    with waiting("Looking up ..."):
+        rows = list(zip(["exact", "exact", "formulae"], look_up_all(times), strict=False))
+    if all(bool(refused(found.status)) for _, found in rows):
+        reasons = dict.fromkeys(Status[found.status] for _, found in rows)
+        given = ", ".join(f"{name} = {time:g}" for name, time in times.items())
+        raise ValueError(f"No model has {given}. {' '.join(reasons)}")
+    _show(lookup_table(rows))

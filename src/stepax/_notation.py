@@ -1,0 +1,117 @@
+"""Numbers, transfer functions and units as text; host code."""
+
+import math
+import re
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ._models import SOPDT, AbstractPlant, EqualLag
+from ._record import Labels
+from ._result import parameter_names
+
+
+# Numbers and transfer functions
+
+
+def number(x, digits: int = 4) -> str:
+    """A number with so many significant digits, without an exponent where it is short."""
+    x = _value(x)
+    if not math.isfinite(x):
+        return "-" if math.isnan(x) else f"{x:g}"
+    size = math.floor(math.log10(abs(float(f"{x:.{digits - 1}e}")))) if x else 0
+    if not -4 <= size <= 5:
+        return f"{x:.{digits - 1}e}"
+    decimals = max(0, digits - 1 - size)
+    text = f"{x:.{decimals}f}"
+    return text.rstrip("0").rstrip(".") if decimals else text
+
+
+def _value(x) -> float:
+    return float(np.asarray(x))
+
+
+def transfer_function_text(model: AbstractPlant) -> str:
+    """G(s) as one line, e.g. `0.6435 exp(-12.3 s) / ((1 + 152.1 s)(1 + 12.2 s)^2)`."""
+    if not all(np.all(np.isfinite(getattr(model, name))) for name in parameter_names(model)):
+        return "none"
+    numerator = number(model.gain)
+    if delay := _value(model.delay):
+        numerator += f" exp({number(-delay)} s)"
+    factors = list(_factors(model))
+    if not factors:
+        return numerator
+    denominator = "".join(factors)
+    return f"{numerator} / ({denominator})" if len(factors) > 1 else f"{numerator} / {denominator}"
+
+
+def _factors(model: AbstractPlant) -> Iterator[str]:
+    """Factors of the denominator, slowest first, equal ones as a power."""
+    if isinstance(model, SOPDT) and (zeta := _value(model.zeta)) < 1:
+        omega = _value(model.omega_n)
+        yield f"(1 + {number(2 * zeta / omega)} s + {number(omega**-2)} s^2)"
+        return
+    if isinstance(model, EqualLag):
+        powers = {number(model.T): _value(model.n)}
+    else:
+        lags = np.sort(np.asarray(model.lags, float))[::-1]  # type: ignore[attr-defined]
+        shown = [number(lag) for lag in lags if lag > 1e-9 * lags[0]]
+        powers = {lag: float(shown.count(lag)) for lag in shown}
+    for lag, power in powers.items():
+        yield f"(1 + {lag} s)" + ("" if power == 1 else f"^{number(power)}")
+
+
+# Units
+
+
+_BRACKETED = re.compile(r"[^\s(\[].*[(\[]\s*([^()\[\]]*?)\s*[)\]]\s*$")
+_APPENDED = re.compile(r".+[_,/;]\s*(\S+)\s*$")
+_UNITS = set(
+    "% s sec ms us min h hr d degC °C C K degF °F F V mV kV A mA uA W kW MW Hz rpm rad deg m mm cm"
+    " um kg g l L m3 bar mbar Pa hPa kPa MPa psi N Nm J kJ ppm pH rad/s deg/s m/s mm/s l/min L/min"
+    " l/h l/s m3/h m3/s kg/h kg/s mol/l S/m".split()
+)
+
+
+def unit_of(label: str) -> str:
+    """Unit in a column's name: in brackets at its end, or a known one after `_` or a comma."""
+    if match := _BRACKETED.match(label):
+        return "" if match[1] in ("t", "k") or match[1].isdigit() else match[1]
+    match = _APPENDED.match(label)
+    return match[1] if match and match[1] in _UNITS else ""
+
+
+class Units(NamedTuple):
+    """Units of a record's columns, empty where its labels have none."""
+
+    time: str
+    output: str
+    input: str
+
+    @classmethod
+    def of(cls, labels: Labels) -> "Units":
+        """Units that the labels of a record tell."""
+        return cls(unit_of(labels.time), unit_of(labels.output), unit_of(labels.input))
+
+    def parameter(self, name: str) -> str:
+        """Unit of a model's parameter."""
+        if name == "gain":
+            return self._gain()
+        if name == "offset":
+            return self.output
+        if name == "omega_n":
+            return f"rad/{self.time}" if self.time else ""
+        return "" if name in ("r", "n", "zeta") else self.time
+
+    def _gain(self) -> str:
+        if not self.output:
+            return ""
+        output, input = (f"({u})" if "/" in u else u for u in (self.output, self.input))
+        return f"{output}/{input}" if input else f"{self.output} per unit of input"
+
+    @property
+    def integral(self) -> str:
+        """Unit of J: that of the output squared, times that of time."""
+        output = f"({self.output})" if "/" in self.output else self.output
+        return f"{output}^2 {self.time}" if self.output and self.time else ""

@@ -1,0 +1,141 @@
+"""Hudzovic's and Sani's lookups: characterise the record, then invert the lookup curves."""
+
+from collections.abc import Iterable
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import ArrayLike, Float
+
+from .._characterise import crossing_times, levels, tangent
+from .._curves import DEFAULT_ORDERS, LEVELS, lookup
+from .._models import AbstractChain, Hudzovic, Sani
+from .._record import StepRecord, usable_record
+from .._result import Identification, Status, conclude, first_problem
+
+
+def _by_tangent(model: type[AbstractChain], record, span, delay, orders, tolerance):
+    problem, safe = usable_record(record)
+    line = tangent(safe, span)
+    found, status = lookup(
+        model, Tu=line.Tu - delay, Tg=line.Tg, orders=orders, tolerance=tolerance
+    )
+    missing = Status.where(jnp.isfinite(line.Tg), Status.successful, Status.no_inflection)
+    details = {"Tu": line.Tu, "Tg": line.Tg, "t_inflection": line.t_inflection}
+    return _finish(record, safe, found, delay, first_problem(problem, missing, status), details)
+
+
+def _by_levels(model: type[AbstractChain], record, span, delay, orders, tolerance, formula=False):
+    problem, safe = usable_record(record)
+    t10, t50, t90 = crossing_times(safe, jnp.array(LEVELS), span)
+    found, status = lookup(
+        model,
+        t10=t10 - delay,
+        t50=t50 - delay,
+        t90=t90 - delay,
+        orders=orders,
+        formula=formula,
+        tolerance=tolerance,
+    )
+    crossed = jnp.isfinite(t10 + t50 + t90)
+    missing = Status.where(crossed, Status.successful, Status.levels_not_crossed)
+    details = {"t10": t10, "t50": t50, "t90": t90}
+    return _finish(record, safe, found, delay, first_problem(problem, missing, status), details)
+
+
+def _finish(record, safe, found, delay, status, details) -> Identification:
+    """Gain and offset from the levels; the record's own details beside the method's."""
+    initial, final = levels(safe)
+    gain = (final - initial) / safe.step_size
+    model = eqx.tree_at(
+        lambda m: (m.gain, m.offset, m.delay),
+        found,
+        (gain, initial, jnp.asarray(delay, gain.dtype)),
+    )
+    return conclude(record, model, status, details=details | record.details)
+
+
+def hudzovic_tu_tg(
+    record: StepRecord,
+    *,
+    span: float | None = None,
+    delay: Float[ArrayLike, ""] = 0.0,
+    orders: Iterable[int] = DEFAULT_ORDERS,
+    tolerance: float = 1e-6,
+) -> Identification:
+    r"""Hudzovic's model from the tangent at the inflection, Tu/Tg (Murray 2016, eq. 2.9).
+
+    The smallest order whose curve Tu/Tg reaches the measured ratio (eq. 2.15), r from the exact
+    inverse of that curve, T = Tg (1/Tg)(r, n). **Options:** `span`: LOESS before the slope is
+    taken, necessary with noise; `delay`: dead time taken off Tu; `orders` and `tolerance` as in
+    `lookup`. **Range:** 0 < Tu/Tg <= 0.6417 (n = 8). At equal lags a warning; at or below 0
+    `beyond_first_order`, above `beyond_last_order`, without a tangent `no_inflection`. Standard
+    errors are NaN: the method has none.
+    """
+    return _by_tangent(Hudzovic, record, span, delay, orders, tolerance)
+
+
+def hudzovic_t10_t50_t90(
+    record: StepRecord,
+    *,
+    span: float | None = None,
+    delay: Float[ArrayLike, ""] = 0.0,
+    orders: Iterable[int] = DEFAULT_ORDERS,
+    tolerance: float = 1e-6,
+) -> Identification:
+    r"""Hudzovic's model from the times at 10, 50 and 90 % (Murray 2016, eqs. 2.10, 2.16).
+
+    The smallest order whose lam = (t90 - t10)/t50 falls to the measured one, r from the exact
+    inverse, T = t50 (1/t50)(r, n). **Options** as in `hudzovic_tu_tg`. **Range:** 0.9277 (n = 8)
+    <= lam < ln 9/ln 2 = 3.1699. Levels not crossed give `levels_not_crossed`.
+    """
+    return _by_levels(Hudzovic, record, span, delay, orders, tolerance)
+
+
+def sani_tu_tg(
+    record: StepRecord,
+    *,
+    span: float | None = None,
+    delay: Float[ArrayLike, ""] = 0.0,
+    orders: Iterable[int] = DEFAULT_ORDERS,
+    tolerance: float = 1e-6,
+) -> Identification:
+    r"""Sani's model from the tangent at the inflection, Tu/Tg (Murray 2016, eqs. 2.8, 2.9).
+
+    As `hudzovic_tu_tg`, for lags T r^(k-1). **Range:** 0 <= Tu/Tg <= 0.6417 (n = 8); at 0 the plant
+    is of first order: r = 0 with a warning.
+    """
+    return _by_tangent(Sani, record, span, delay, orders, tolerance)
+
+
+def sani_t10_t50_t90(
+    record: StepRecord,
+    *,
+    span: float | None = None,
+    delay: Float[ArrayLike, ""] = 0.0,
+    orders: Iterable[int] = DEFAULT_ORDERS,
+    tolerance: float = 1e-6,
+) -> Identification:
+    r"""Sani's model from the times at 10, 50 and 90 %, by the exact curves (Murray 2016, eq. 2.10).
+
+    As `hudzovic_t10_t50_t90`, for lags T r^(k-1). **Range:** 0.9277 (n = 8) <= lam <= ln 9/ln 2; at
+    the upper end r = 0 with a warning. (Murray's stored results use this name for the formulae,
+    which are `sani_interpolation` here.)
+    """
+    return _by_levels(Sani, record, span, delay, orders, tolerance)
+
+
+def sani_interpolation(
+    record: StepRecord,
+    *,
+    span: float | None = None,
+    delay: Float[ArrayLike, ""] = 0.0,
+    orders: Iterable[int] = DEFAULT_ORDERS,
+    tolerance: float = 1e-6,
+) -> Identification:
+    r"""Sani's model from the times at 10, 50 and 90 %, by Sani's formulae (Murray 2016, 2.17-2.19).
+
+    t50/T = ln 2 - 1 + sum r^k and (t90 - t10)/T = 1.315 sqrt(3.8 sum r^2k - 1), solved for r in
+    [0, 1]. Errors of the formulae: up to 1.7 % in lam, 3.4 % in t50. **Range:** 0.9285 (n = 8) <=
+    lam <= 3.1745.
+    """
+    return _by_levels(Sani, record, span, delay, orders, tolerance, formula=True)

@@ -1,0 +1,258 @@
+"""The command line: output, files and what goes wrong."""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+from types import ModuleType, SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from stepax import FOPDT, Status
+from stepax._cli import EXAMPLES, model_class, run, set_up_jax
+from stepax._curves import Lookup
+from stepax._result import conclude, refused
+
+
+@pytest.fixture(autouse=True)
+def no_cache(monkeypatch):
+    """Compiled code of tests is not kept."""
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "elsewhere")
+
+
+@pytest.fixture
+def front(monkeypatch):
+    """A front door that needs no time: a first-order model, or a refusal of what is asked."""
+    calls = SimpleNamespace(status=Status.successful, methods=[])
+
+    def identify(record, method="auto", **options):
+        if method not in ("auto", "fopdt_fit"):
+            raise KeyError(f"There is no method {method!r}; the known ones are: auto, fopdt_fit.")
+        calls.methods.append(method)
+        model = FOPDT(T=60.0, gain=0.8, offset=22.0, delay=15.0)
+        details = {"aicc_fopdt": jnp.asarray(3.0)} if method == "auto" else {}
+        return conclude(record, model, calls.status, details=record.details | details)
+
+    def compare(record, methods=None, plant=None):
+        result = identify(record)
+        row = SimpleNamespace(
+            method="fopdt_fit",
+            result=result,
+            J=result.J,
+            rmse=result.rmse,
+            fit_percent=result.fit_percent,
+            parameters=4,
+            aicc=1.5,
+            status=result.status,
+            reason=Status[result.status] if bool(refused(result.status)) else "",
+        )
+        lost = SimpleNamespace(method="strejc", result=None, reason="It does not apply.")
+        return SimpleNamespace(rows=[row, lost])
+
+    module = ModuleType("stepax._identify")
+    module.__dict__.update(
+        identify=identify, compare=compare, chosen_method=lambda result: "fopdt_fit"
+    )
+    monkeypatch.setitem(sys.modules, "stepax._identify", module)
+    return calls
+
+
+@pytest.fixture
+def csv(tmp_path):
+    t = np.arange(60.0)
+    u, y = 2.0 * (t >= 10), 3 + np.maximum(0, 1 - np.exp(-(t - 10) / 8))
+    path = tmp_path / "run 1.csv"
+    rows = "\n".join(f"{a},{b},{c:.4f}" for a, b, c in zip(t, u, y, strict=True))
+    path.write_text(f"time (s),valve (%),level [m]\n{rows}\n")
+    return path
+
+
+def failure(capsys, *arguments):
+    """The one paragraph on stderr of a command that fails."""
+    assert run([str(argument) for argument in arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == "" and captured.err.endswith("\n")
+    (paragraph,) = captured.err.splitlines()
+    return paragraph
+
+
+def success(capsys, *arguments):
+    assert run([str(argument) for argument in arguments]) == 0
+    captured = capsys.readouterr()
+    assert captured.err == "" and "\x1b" not in captured.out
+    return captured.out
+
+
+def test_identify(capsys, front, csv, tmp_path):
+    plot, data = tmp_path / "a.png", tmp_path / "a.json"
+    out = success(capsys, "identify", csv, "--plot", plot, "--json", data)
+    assert "Model FOPDT by fopdt_fit, chosen by AICc" in out and "m/%" in out
+    assert "run 1.csv: 60 rows, step of 2 % at t = 10 s" in out and str(plot) in out
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    assert json.loads(data.read_text())["method"] == "fopdt_fit"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "a.png", "run 1.csv"]
+
+
+def test_columns_and_method(capsys, front, csv):
+    columns = ["--time", "time (s)", "--output", "3", "--input", "valve (%)", "--step", "1"]
+    out = success(capsys, "identify", csv, *columns, "--method", "fopdt_fit")
+    assert "Model FOPDT by fopdt_fit\n" in out and front.methods == ["fopdt_fit"]
+
+
+def test_example(capsys, front):
+    out = success(capsys, "identify", "--example", "heater")
+    assert "simulated" in out and "step of 40 % at t = 20 s" in out and "degC/%" in out
+
+
+def test_compare(capsys, front, csv, tmp_path):
+    plot, data = tmp_path / "b.svg", tmp_path / "b.json"
+    out = success(capsys, "compare", csv, "--plot", plot, "--json", data)
+    assert "FOPDT" in out and "strejc: It does not apply." in out
+    assert "<svg" in plot.read_text()
+    assert [row["method"] for row in json.loads(data.read_text())] == ["fopdt_fit"]
+
+
+def test_refusals(capsys, front, csv, tmp_path):
+    front.status = Status.no_inflection
+    for command in ("identify", "compare"):
+        message = failure(capsys, command, csv, "--plot", tmp_path / "c.png")
+        assert "run 1.csv: " in message and Status[Status.no_inflection] in message
+    assert list(tmp_path.iterdir()) == [csv]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["FILE", "--method", "magic"], ["magic", "fopdt_fit"]),
+        (["FILE", "--output", "speed"], ["run 1.csv", "speed", "level [m]"]),
+        (["FILE", "--step", "4"], ["no step 4"]),
+        (["FILE", "--step", "one"], ["--step"]),
+        (["FILE", "--example", "heater"], ["not both"]),
+        ([], ["FILE", "--example"]),
+        (["--example", "kettle"], ["kettle", *EXAMPLES]),
+        (["missing.csv"], ["missing.csv"]),
+        (["FILE", "--plot", "nowhere/a.png"], ["nowhere"]),
+        (["FILE", "--plot", "a.docx"], ["a.docx", "png"]),
+        (["FILE", "--plot", "a"], ["png"]),
+        (["FILE", "--json", "FILE"], ["is the record"]),
+        (["FILE", "--json", "."], ["no ordinary file"]),
+        (["FILE", "--wrong"], ["--wrong"]),
+        (["FILE", "--plot", "a.png", "--json", "a.png"], ["same file"]),
+    ],
+)
+def test_wrong_input(capsys, front, csv, tmp_path, monkeypatch, options, words):
+    monkeypatch.chdir(tmp_path)
+    options = [csv.name if option == "FILE" else option for option in options]
+    message = failure(capsys, "identify", *options)
+    assert all(word in message for word in words)
+    assert [path.name for path in tmp_path.iterdir()] == [csv.name]
+
+
+def test_a_failure_while_writing_leaves_the_old_files(capsys, front, csv, tmp_path, monkeypatch):
+    plot, data = tmp_path / "d.png", tmp_path / "d.json"
+    plot.write_text("old")
+    data.write_text("old")
+
+    def full(*paths):
+        raise OSError(28, "No space left on device", str(paths[1]))
+
+    monkeypatch.setattr(os, "replace", full)
+    message = failure(capsys, "identify", csv, "--plot", plot, "--json", data)
+    assert "No space left" in message
+    assert plot.read_text() == data.read_text() == "old"
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_methods(capsys, monkeypatch):
+    def strejc(record):
+        """Strejc's method: equal lags from Tu/Tg.
+
+        More.
+        """
+
+    module = ModuleType("stepax.methods")
+    module.__dict__.update(METHODS={"strejc": strejc})
+    monkeypatch.setitem(sys.modules, "stepax.methods", module)
+    out = success(capsys, "methods")
+    assert "auto" in out and "Strejc's method: equal lags from Tu/Tg." in out and "PTn" in out
+
+
+@pytest.mark.parametrize(
+    ("method", "model"),
+    [
+        ("hudzovic_tu_tg", "Hudzovic"),
+        ("sani_interpolation", "Sani"),
+        ("smith", "PTn"),
+        ("latzel", "EqualLag"),
+        ("rdkam_fopdt", "FOPDT"),
+        ("rdkam", "SOPDT"),
+    ],
+)
+def test_model_class(method, model):
+    assert model_class(method) == model
+
+
+def test_lookup(capsys, monkeypatch):
+    def look_up(family, formula=False, **times):
+        short = times["t50"] < 3
+        status = Status.where(short, Status.at_equal_lags, Status.beyond_last_order)
+        return Lookup(family(T=times["t50"], r=0.0, n=jnp.asarray(3)), status)
+
+    monkeypatch.setattr("stepax._curves.lookup", look_up)
+    out = success(capsys, "lookup", "--t10", "1", "--t50", "2", "--t90", "4")
+    rows = [line.split()[:5] for line in out.splitlines()[3:6]]
+    assert rows[0] == ["exact", "Hudzovic", "3", "0", "2"]
+    assert [row[:2] for row in rows[1:]] == [["exact", "Sani"], ["formulae", "Sani"]]
+    assert Status[Status.at_equal_lags] in out
+    message = failure(capsys, "lookup", "--t10", "1", "--t50", "5", "--t90", "6")
+    assert "t50 = 5" in message and Status[Status.beyond_last_order] in message
+
+
+@pytest.mark.long
+def test_lookup_in_a_shell():
+    done = shell("lookup", "--Tu", "2", "--Tg", "10")
+    rows = [line.split() for line in done.stdout.splitlines() if "exact" in line]
+    assert rows[0][1:5] == ["Hudzovic", "3", "0.29814", "1.6594"] and "successful" in rows[1]
+
+
+def test_lookup_needs_times_of_one_kind(capsys):
+    for times in (["--Tu", "2"], ["--Tu", "2", "--Tg", "9", "--t50", "3"], []):
+        assert "--t90" in failure(capsys, "lookup", *times)
+
+
+def test_cache_folder(monkeypatch, tmp_path):
+    monkeypatch.delenv("JAX_COMPILATION_CACHE_DIR")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    old = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
+    try:
+        set_up_jax()
+        assert jax.config.jax_compilation_cache_dir == str(tmp_path / "stepax")  # type: ignore[attr-defined]
+        (tmp_path / "file").write_text("")
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+        set_up_jax()
+    finally:
+        jax.config.update("jax_compilation_cache_dir", old)
+
+
+def shell(*arguments):
+    command = [sys.executable, "-c", "from stepax._cli import main; main()", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=600)
+
+
+def test_in_a_shell():
+    done = shell("identify", "nowhere.csv")
+    assert done.returncode == 2 and done.stdout == ""
+    assert done.stderr == "stepax: There is no file nowhere.csv.\n"
+
+
+@pytest.mark.skipif(importlib.util.find_spec("stepax._identify") is None, reason="no front door")
+@pytest.mark.long
+def test_example_in_a_shell(tmp_path):
+    data = tmp_path / "heater.json"
+    done = shell("identify", "--example", "heater", "--json", str(data))
+    assert done.returncode == 0 and "simulated" in done.stdout
+    assert abs(json.loads(data.read_text())["parameters"]["gain"] - 0.8) < 0.01

@@ -1,0 +1,87 @@
+"""Pictures: what is on them, and that they need no display."""
+
+from io import BytesIO
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import pytest
+
+from stepax import FOPDT, Status, StepRecord
+from stepax._plot import plot_comparison, plot_identification
+from stepax._record import Labels
+from stepax._result import conclude
+
+
+def identification(T=10.0, delay=4.0, status=Status.successful, labels=None, count=60):
+    labels = labels or Labels("oven.csv", "time (s)", "T [degC]", "heater (%)")
+    t = jnp.linspace(0.0, 100.0, count)
+    y = 20 + 5 * (1 - jnp.exp(-jnp.maximum(t - 14, 0) / 10)) + 0.01 * jnp.sin(37 * t)
+    record = StepRecord(t, y, step_time=10.0, labels=labels)
+    return conclude(record, FOPDT(T=T, gain=5.0, offset=20.0, delay=delay), status)
+
+
+def comparison(*results):
+    rows = [
+        SimpleNamespace(
+            method=f"method_{i}",
+            result=result,
+            fit_percent=result.fit_percent,
+            rmse=result.rmse,
+            status=result.status,
+        )
+        for i, result in enumerate(results)
+    ]
+    return SimpleNamespace(rows=rows)
+
+
+def saved(figure):
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=50)
+    return buffer.getvalue()
+
+
+def names(figure):
+    return [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+@pytest.mark.parametrize("count", [60, 1000])
+def test_identification(count):
+    figure = identification(count=count).plot()
+    response, residuals = figure.axes
+    assert response.get_ylabel() == "T [degC]" and residuals.get_xlabel() == "time (s)"
+    assert residuals.get_ylabel() == "residual\n(degC)"
+    assert names(figure) == ["record", "model", "dead time 4 s", "step"]
+    title = response.get_title("left")
+    assert "5 exp(-4 s) / (1 + 10 s)" in title and "fit" in title and "%" in title
+    assert saved(figure).startswith(b"\x89PNG")
+
+
+def test_no_dead_time_and_a_title():
+    figure = plot_identification(identification(delay=0.0), title="Oven, $run$ 1", size=(6.0, 4.0))
+    assert names(figure) == ["record", "model", "step"]
+    assert figure.axes[0].get_title("left") == r"Oven, \$run\$ 1"
+    assert saved(figure)
+
+
+def test_a_refusal_shows_the_record_and_the_reason():
+    figure = plot_identification(identification(status=Status.no_inflection))
+    assert names(figure) == ["record", "step"]
+    assert figure.axes[0].get_title("left") == Status[Status.no_inflection]
+    assert saved(figure)
+
+
+def test_columns_without_names():
+    figure = plot_identification(identification(labels=Labels("", "1", "2")))
+    assert [figure.axes[0].get_ylabel(), figure.axes[1].get_xlabel()] == ["output", "time"]
+
+
+def test_comparison():
+    results = [identification(T) for T in (10.0, 11.0, 12.0, 9.0, 13.0, 8.0, 14.0)]
+    figure = plot_comparison(comparison(*results, identification(status=Status.no_inflection)))
+    entries = names(figure)
+    assert entries[0] == "record" and len(entries) == 8
+    assert [entry.split()[0] for entry in entries[1:7]] == [f"method_{i}" for i in range(6)]
+    lines = figure.axes[0].get_lines()[1:7]
+    assert len({line.get_color() for line in lines}) == 6
+    assert saved(figure)
+    assert len(names(plot_comparison(comparison(*results), count=2))) == 4

@@ -1,0 +1,171 @@
+"""Reports: transfer functions, units, warnings and JSON."""
+
+import json
+import math
+from io import StringIO
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from rich.console import Console
+
+from stepax import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani, Status, StepRecord
+from stepax._notation import Units, number, transfer_function_text, unit_of
+from stepax._record import Labels
+from stepax._report import report, to_json, warning_sentences
+from stepax._result import conclude
+
+
+LABELS = Labels("oven.csv", "time (s)", "T [degC]", "heater (%)")
+
+
+def identification(model, status=Status.successful, labels=LABELS, details=None, **options):
+    t = jnp.linspace(0.0, 100.0, 40)
+    y = 20 + 5 * (1 - jnp.exp(-t / 10)) + 0.01 * jnp.sin(37 * t)
+    record = StepRecord(t, y, labels=labels, details=details)
+    return conclude(record, model, status, **options)
+
+
+def text_of(renderable):
+    console = Console(width=200, no_color=True, record=True, file=StringIO())
+    console.print(renderable)
+    return console.export_text()
+
+
+@pytest.mark.parametrize(
+    ("x", "text"),
+    [
+        (0, "0"),
+        (12.3, "12.3"),
+        (0.64351, "0.6435"),
+        (152.13, "152.1"),
+        (123456.7, "123457"),
+        (9.99999, "10"),
+        (-2.5, "-2.5"),
+        (1.5e-7, "1.500e-07"),
+        (2.3e9, "2.300e+09"),
+        (math.nan, "-"),
+        (100, "100"),
+    ],
+)
+def test_number(x, text):
+    assert number(x) == text
+
+
+@pytest.mark.parametrize(
+    ("model", "text"),
+    [
+        (
+            PTn(lags=np.array([12.2, 0.0, 152.1]), gain=0.64351, delay=12.3),
+            "0.6435 exp(-12.3 s) / ((1 + 152.1 s)(1 + 12.2 s))",
+        ),
+        (PTn(lags=np.zeros(2), gain=-2.0), "-2"),
+        (FOPDT(T=3.0), "1 / (1 + 3 s)"),
+        (EqualLag(T=2.3, n=3), "1 / (1 + 2.3 s)^3"),
+        (EqualLag(T=2.3, n=2.5), "1 / (1 + 2.3 s)^2.5"),
+        (EqualLag(T=2.3, n=1), "1 / (1 + 2.3 s)"),
+        (Sani(T=4.0, r=1.0, n=2, gain=2.0), "2 / (1 + 4 s)^2"),
+        (Sani(T=4.0, r=0.5, n=jnp.asarray(3)), "1 / ((1 + 4 s)(1 + 2 s)(1 + 1 s))"),
+        (Hudzovic(T=1.0, r=0.5, n=2), "1 / ((1 + 2 s)(1 + 1 s))"),
+        (SOPDT(zeta=0.2, omega_n=0.5, delay=1.0), "1 exp(-1 s) / (1 + 0.8 s + 4 s^2)"),
+        (SOPDT(zeta=1.0, omega_n=0.5), "1 / (1 + 2 s)^2"),
+        (FOPDT(T=math.nan), "none"),
+    ],
+)
+def test_transfer_function(model, text):
+    assert transfer_function_text(model) == text
+
+
+@pytest.mark.parametrize(
+    ("label", "unit"),
+    [
+        ("Velocidad (rad/s)", "rad/s"),
+        ("T1 [°C]", "°C"),
+        ("T (box) [K]", "K"),
+        ("time_s", "s"),
+        ("Temp, degC", "degC"),
+        ("T_1", ""),
+        ("y(t)", ""),
+        ("box temp", ""),
+        ("", ""),
+    ],
+)
+def test_unit(label, unit):
+    assert unit_of(label) == unit
+
+
+def test_units_of_parameters():
+    units = Units.of(LABELS)
+    names = ["T", "lags", "delay", "gain", "offset", "zeta", "omega_n", "n"]
+    expected = ["s", "s", "s", "degC/%", "degC", "", "rad/s", ""]
+    assert [units.parameter(name) for name in names] == expected
+    assert units.integral == "degC^2 s"
+    assert Units.of(Labels()).parameter("gain") == ""
+    assert Units("s", "rad/s", "V").parameter("gain") == "(rad/s)/V"
+
+
+def test_report():
+    std = {"T": 0.123, "gain": 0.01, "offset": 0.0, "delay": math.nan}
+    std = {name: jnp.asarray(value) for name, value in std.items()}
+    model = FOPDT(T=10.0, gain=5.0, offset=20.0)
+    result = identification(model, std=std, free=("T", "gain", "delay"))
+    text = text_of(report(result, "fopdt_fit"))
+    assert "Model FOPDT by fopdt_fit" in text and "G(s) = 5 / (1 + 10 s)" in text
+    assert "9.759 to 10.241" in text and "degC/%" in text and "fixed" in text
+    assert "RMSE" in text and "degC^2 s" in text and Status[Status.successful] in text
+
+
+def test_warnings():
+    details = {
+        "assumed_step": True,
+        "steps_found": 3,
+        "quantised": True,
+        "quantisation": 0.32,
+        "residuals_correlated": True,
+        "residual_autocorrelation": 0.93,
+        "not_settled": True,
+    }
+    details = {name: jnp.asarray(value) for name, value in details.items()}
+    result = identification(FOPDT(T=10.0), Status.not_settled, details=details)
+    sentences = warning_sentences(result)
+    assert sentences[0] == Status[Status.not_settled] and len(sentences) == 5
+    assert "3 steps in the input; this is step 1: choose with --step." in sentences
+    assert "3 steps in the input; this is step 3." in warning_sentences(result, -1)
+    assert any("0.32 degC" in text for text in sentences)
+    assert any("0.93" in text for text in sentences)
+    assert warning_sentences(identification(FOPDT(T=10.0))) == []
+    assert "Note: " + sentences[0] in text_of(report(result, "x"))
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        FOPDT(T=10.0),
+        PTn(lags=np.array([10.0, 1.0])),
+        Sani(T=10.0, r=0.5, n=jnp.asarray(2)),
+        EqualLag(T=2.0, n=2.5),
+        SOPDT(zeta=0.5, omega_n=1.0),
+    ],
+    ids=lambda model: type(model).__name__,
+)
+def test_json(model):
+    result = identification(model)
+    data = to_json(result, "name")
+    assert list(data) == [
+        "method", "model", "parameters", "standard_errors", "rmse", "fit_percent", "status"
+    ]  # fmt: skip
+    assert data["model"] == type(model).__name__ and data["status"] == "successful"
+    assert json.loads(json.dumps(data, allow_nan=False)) == data
+    for name, value in data["parameters"].items():
+        np.testing.assert_allclose(value, getattr(model, name))
+    if isinstance(model, PTn):
+        assert data["standard_errors"]["lags"] == [None, None]
+    if isinstance(model, Sani):
+        assert data["parameters"]["n"] == 2 and isinstance(data["parameters"]["n"], int)
+        assert "n" not in data["standard_errors"]
+
+
+def test_json_of_a_refusal():
+    data = to_json(identification(FOPDT(T=10.0), Status.no_inflection), "name")
+    assert data["parameters"]["T"] is None and data["rmse"] is None
+    assert data["status"] == "no_inflection"
