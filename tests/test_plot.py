@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import pytest
 
 from stepax import FOPDT, Status, StepRecord
-from stepax._plot import plot_comparison, plot_identification
+from stepax._plot import _wrapped, plot_comparison, plot_identification
 from stepax._record import Labels
 from stepax._result import conclude
 
@@ -85,3 +85,10 @@ def test_comparison():
     assert len({line.get_color() for line in lines}) == 6
     assert saved(figure)
     assert len(names(plot_comparison(comparison(*results), count=2))) == 4
+
+
+def test_a_long_transfer_function_is_broken_between_factors():
+    text = "G(s) = 1 / (" + "(1 + 12.34 s)" * 8 + ")"
+    lines = _wrapped(text).split("\n")
+    assert len(lines) == 2 and max(map(len, lines)) <= 85
+    assert "".join(line.strip() for line in lines) == text

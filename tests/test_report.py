@@ -111,7 +111,7 @@ def test_report():
     result = identification(model, std=std, free=("T", "gain", "delay"))
     text = text_of(report(result, "fopdt_fit"))
     assert "Model FOPDT by fopdt_fit" in text and "G(s) = 5 / (1 + 10 s)" in text
-    assert "9.759 to 10.241" in text and "degC/%" in text and "fixed" in text
+    assert "9.76 to 10.24" in text and "degC/%" in text and "fixed" in text
     assert "RMSE" in text and "degC^2 s" in text and Status[Status.successful] in text
 
 

@@ -9,6 +9,7 @@ from ._models import AbstractPlant
 from ._preprocess import quantisation
 from ._record import StepRecord
 from ._result import parameter_names, predict
+from ._solver import columns
 from ._types import Scalar
 
 
@@ -64,19 +65,19 @@ def certainty(
             details,
         )
 
-    def prediction(vector: Array) -> Array:
-        parts = jnp.split(vector, [sum(sizes[: k + 1]) for k in range(len(sizes) - 1)])
-        new = [
-            part.reshape(jnp.shape(getattr(model, name)))
-            for name, part in zip(names, parts, strict=True)
-        ]
+    def prediction(*numbers: Array) -> Array:
+        new, position = [], 0
+        for name, size in zip(names, sizes, strict=True):
+            part = numbers[position : position + size]
+            new.append(jnp.stack(part) if jnp.ndim(getattr(model, name)) else part[0])
+            position += size
         plant = eqx.tree_at(lambda m: [getattr(m, name) for name in names], model, new)
         if final is not None:
             plant = eqx.tree_at(lambda m: m.offset, plant, final - record.step_size * plant.gain)
         return predict(plant, record, record.t)
 
     at_bound = jnp.concatenate(bounds)
-    jacobian = jax.jacfwd(prediction)(jnp.concatenate(values)).T
+    jacobian = columns(prediction, jnp.concatenate(values))
     jacobian = jnp.where(at_bound[:, None], 0, jacobian)
     size = jnp.sqrt(jnp.sum(jacobian**2, axis=1))
     size = jnp.where(size > 0, size, 1)
@@ -90,7 +91,7 @@ def certainty(
     effective = jnp.trace(coloured)
     variance = square / jnp.maximum(count - effective, 1)
     covariance = variance * inverse @ coloured @ inverse.T / size[:, None] / size[None, :]
-    unknown = at_bound | (lost & True)
+    unknown = at_bound | lost
     covariance = jnp.where(unknown[:, None] | unknown[None, :], jnp.nan, covariance)
     details["effective_parameters"] = effective
     std = _by_name(model, names, sizes, jnp.sqrt(jnp.diagonal(covariance)), final, record)

@@ -4,7 +4,7 @@ A family's own parameters map one to one to coordinates; fixing a parameter remo
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
@@ -34,7 +34,7 @@ class Family(NamedTuple):
 
     names: tuple[str, ...]
     encode: Callable[[AbstractPlant], Array]
-    decode: Callable[[Array, AbstractPlant], dict[str, Array]]
+    decode: Callable[[Sequence[Array], AbstractPlant], dict[str, Array]]
     bounds: tuple[tuple[float, float], ...]
     time_powers: tuple[float, ...]
 
@@ -78,7 +78,7 @@ def _encode_chain(model) -> Array:
 
 
 def _decode_chain(x, model) -> dict[str, Array]:
-    chain = chain_with_spread(type(model), -(x[1] + _softening(x.dtype)), model.n)
+    chain = chain_with_spread(type(model), -(x[1] + _softening(x[1].dtype)), model.n)
     equal_lags = 1.0 if isinstance(model, Sani) else 0.0
     at_end = x[1] <= 0
     # On the bound r is exactly at its end; derivatives are those a rounding error inside it.
@@ -115,4 +115,4 @@ def _encode_lags(model) -> Array:
 
 
 def _decode_lags(x, model) -> dict[str, Array]:
-    return {"lags": jnp.exp(x)}
+    return {"lags": jnp.exp(jnp.stack(list(x)))}

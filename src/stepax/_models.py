@@ -215,16 +215,23 @@ class Sani(AbstractChain):
     r: Float[ArrayLike, "..."] = _parameter()
     n: int | Int[Array, "..."] = eqx.field(converter=_as_order)
 
-    @property
-    def lags(self) -> Lags:
-        """T_k, descending."""
+    def _relative_lags(self) -> Array:
         length, used = _positions(self.n)
-        power = jnp.where(self.r >= 0, self.T, jnp.nan)
+        power = jnp.where(self.r >= 0, 1.0, jnp.nan).astype(self.r.dtype)
         powers = [power]
         for _ in range(length - 1):
             power = power * self.r
             powers.append(power)
         return jnp.where(used, jnp.stack(powers), 0)
+
+    @property
+    def lags(self) -> Lags:
+        """T_k, descending."""
+        return self.T * self._relative_lags()
+
+    def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """g(t), by contour quadrature."""
+        return chain_response(t / self.T, self._relative_lags())
 
 
 class EqualLag(AbstractChain):

@@ -175,10 +175,18 @@ def _title(result: Identification) -> str:
         return Status[result.status]
     unit = unit_of(result.record.labels.output)
     rmse = f"RMSE {number(result.rmse, 3)} {unit}".rstrip()
-    text = f"G(s) = {transfer_function_text(result.model)}"
-    if len(text) > 75:
-        text = text.replace(" / ", "\n    / ", 1)
+    text = _wrapped(f"G(s) = {transfer_function_text(result.model)}")
     return f"{text}\n{type(result.model).__name__}, fit {number(result.fit_percent)} %, {rmse}"
+
+
+def _wrapped(text: str, width: int = 85) -> str:
+    """A transfer function on as many lines as it needs, broken between factors."""
+    lines = [""]
+    for factor in text.replace(")(", ")\n(").split("\n"):
+        if len(lines[-1]) + len(factor) > width:
+            lines.append("        ")
+        lines[-1] += factor
+    return "\n".join(lines)
 
 
 def _label(name: str, role: str) -> str:

@@ -175,14 +175,12 @@ class Fit(eqx.Module):
         lower, upper = self.bounds()
         return jax.lax.stop_gradient(jnp.clip(x.astype(lower.dtype), lower, upper))
 
-    def shape(self, x: Array) -> AbstractPlant:
+    def shape(self, x: Sequence[Array]) -> AbstractPlant:
         """Plant with gain 1 and offset 0 at coordinates."""
-        kept = self._kept()
-        full = self.family.encode(self.model).astype(self.record.t.dtype)
-        if kept.any():
-            full = full.at[np.flatnonzero(kept)].set(
-                x[: kept.sum()] + self._shift()[np.flatnonzero(kept)]
-            )
+        full = list(self.family.encode(self.model).astype(self.record.t.dtype))
+        shift = self._shift()
+        for position, i in enumerate(np.flatnonzero(self._kept())):
+            full[i] = x[position] + shift[i]
         own = self.family.decode(full, self.model)
         own |= {k: getattr(self.model, k) for k in own if k in self.fixed}
         if hasattr(self.model, "n") and "n" not in own:
@@ -207,14 +205,14 @@ class Fit(eqx.Module):
         amplitude = _slope(w, g - mean_g, y - mean_y)
         return mean_y - amplitude * mean_g, amplitude
 
-    def residual(self, x: Array) -> Samples:
+    def residual(self, x: Sequence[Array]) -> Samples:
         """Weighted residuals over the range of the output."""
         g = self.shape(x).step_response(self.record.t - self.record.step_time)
         offset, amplitude = self._levels(g)
         scale = jax.lax.stop_gradient(jnp.max(self.record.y) - jnp.min(self.record.y))
         return jnp.sqrt(self.weights) * (self.record.y - offset - amplitude * g) / scale
 
-    def plant(self, x: Array) -> AbstractPlant:
+    def plant(self, x: Sequence[Array]) -> AbstractPlant:
         """The whole model at coordinates; what is known is returned exactly as given."""
         shape = self.shape(x)
         g = shape.step_response(self.record.t - self.record.step_time)
@@ -278,13 +276,13 @@ def _optimum(fit: Fit, start: Array, solver, max_steps: int):
     solution = optx.least_squares(
         lambda x, fit: fit.residual(x),
         solver,
-        start,
+        tuple(start),
         fit,
         options={"lower": lower, "upper": upper},
         max_steps=max_steps,
         throw=False,
     )
-    x = jnp.clip(solution.value, lower, upper)
+    x = jnp.clip(jnp.stack(solution.value), lower, upper)
     return x, solution.result == optx.RESULTS.successful, solution.stats["num_steps"]
 
 
@@ -308,7 +306,7 @@ def _optimum_jvp(primals, tangents):
     free = free_parameters(x, gradient(x, fit), lower, upper)
     _, change = eqx.filter_jvp(lambda fit: gradient(x, fit), (fit,), (tangents[0],))
     if isinstance(fit.model, FOPDT) and "delay" not in fit.fixed:
-        jacobian = columns(fit.residual, x)
+        jacobian = columns(lambda *x: fit.residual(x), x)
         matrix = jacobian @ jacobian.T
     else:
         matrix = jax.jacfwd(gradient)(x, fit)

@@ -35,8 +35,10 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     again. It ends when the decrease of the cost that a full Gauss-Newton step promises is at most
     `rtol` of the cost, or the cost is at most `atol`. The result is the best point seen.
 
-    Bounds come in `options`: `dict(lower=..., upper=...)`, arrays like the parameters. The normal
-    matrix squares the condition number: normalise data and parameters first.
+    Parameters are a tuple of numbers, or a row of them. With a tuple, the derivative in one does
+    not compute what depends on the others alone. Bounds come in `options`: `dict(lower=...,
+    upper=...)`, rows. The normal matrix squares the condition number: normalise data and
+    parameters first.
     """
 
     rtol: float
@@ -46,6 +48,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:
         """State before the first evaluation: the candidate is the start."""
         del fn, args, f_struct, aux_struct, tags
+        y = jnp.stack(list(y))
         number = jnp.zeros((), y.dtype)
         return _State(
             candidate=jnp.clip(y, options["lower"], options["upper"]),
@@ -63,8 +66,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         """Evaluate the candidate, keep it if it is better, and prepare the next one."""
         del tags
         lower, upper = options["lower"], options["upper"]
-        new, (residual, aux) = state.candidate, fn(state.candidate, args)
-        jacobian = columns(lambda y: fn(y, args)[0], new)
+        new, like, y = state.candidate, y, jnp.stack(list(y))
+        residual, aux = fn(_similar(new, like), args)
+        jacobian = columns(lambda *x: fn(_similar(jnp.stack(x), like, x), args)[0], new)
         cost = 0.5 * residual @ residual
         cost = jnp.where(jnp.isfinite(cost), cost, jnp.inf)
         first = jnp.isinf(state.cost)
@@ -103,7 +107,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             converged=finite & (good | (stalled & nearly)),
             failed=~finite | (stalled & ~nearly),
         )
-        return y, new_state, aux
+        return _similar(y, like), new_state, aux
 
     def terminate(self, fn, y, args, options, state, tags) -> tuple[Bool[Array, ""], optx.RESULTS]:
         """Whether the last evaluation ended the iteration, and how."""
@@ -121,8 +125,13 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         return y, aux, {}
 
 
+def _similar(row: Array, like, parts=None):
+    """Parameters in the form that the caller uses: a row, or a tuple of numbers."""
+    return row if eqx.is_array(like) else type(like)(list(row) if parts is None else parts)
+
+
 def columns(function, x: Float[Array, " p"]) -> Float[Array, "p residuals"]:
-    """Derivatives of `function` in each parameter, one forward pass each.
+    """Derivatives of `function(x_1, ..., x_p)` in each parameter, one forward pass each.
 
     The barrier keeps XLA from sharing subexpressions between the passes: on a CPU that sharing
     splits each pass into many loops over memory and makes it several times slower.
@@ -130,8 +139,9 @@ def columns(function, x: Float[Array, " p"]) -> Float[Array, "p residuals"]:
     directions = []
     for i in range(x.size):
         x = jax.lax.optimization_barrier(x)
-        unit = jnp.zeros_like(x).at[i].set(1)
-        directions.append(jax.jvp(function, (x,), (unit,))[1])
+        before, after = list(x[:i]), list(x[i + 1 :])
+        along = lambda xi, before=before, after=after: function(*before, xi, *after)  # noqa: E731
+        directions.append(jax.jvp(along, (x[i],), (jnp.ones_like(x[i]),))[1])
     return jnp.stack(directions)
 
 
