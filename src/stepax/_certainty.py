@@ -1,26 +1,27 @@
 r"""How certain a least-squares fit is: covariance, autocorrelation, information criterion."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ._models import AbstractPlant
 from ._preprocess import quantisation
-from ._record import StepRecord
-from ._result import parameter_names, predict
+from ._result import Identification, nan_where, parameter_names, predict, refused
 from ._solver import columns
 from ._types import Scalar
 
 
-def certainty(
-    record: StepRecord,
-    model: AbstractPlant,
-    known: tuple[str, ...],
-    stuck: dict[str, Array],
-    final: Scalar | None,
-) -> tuple[dict[str, Array], Array, tuple[str, ...], dict[str, Array]]:
-    r"""Standard errors by name, covariance, its names, and details.
+def aicc(square: Scalar, count: int, parameters: int) -> Scalar:
+    """Information criterion N ln(RSS/N) + 2 k N/(N - k - 1) (Hurvich and Tsai 1989)."""
+    tiny = jnp.finfo(square.dtype).tiny
+    penalty = 2 * parameters * count / max(count - parameters - 1, 1)
+    return count * jnp.log(jnp.maximum(square, tiny) / count) + penalty
+
+
+def with_errors(result: Identification, tied: bool = False) -> Identification:
+    r"""A fit with its standard errors and covariance.
 
     With $J$ the Jacobian of the prediction in the free parameters and $A = J^\top J$,
 
@@ -31,39 +32,28 @@ def certainty(
     ($\varphi = 0$) the usual formula. $\varphi$ is the lag-1 autocorrelation of the residuals with
     the first-order bias correction $(1 + (p + 3)\hat\varphi)/N$ (after Kendall 1954), and 0
     unless it exceeds $2/\sqrt N$. A parameter on a bound has NaN, the others hold with it fixed.
+
+    `result` names its free parameters and has `details["at_bound"]`; `tied` says that the offset
+    follows from the gain and a known final level.
     """
-    names = [name for name in parameter_names(model) if name not in known]
-    if final is not None:  # tied to the gain
-        names.remove("offset")
+    record, model, free = result.record, result.model, result.free
+    names = list(dict.fromkeys(name.split("[")[0] for name in free))
     values = [jnp.atleast_1d(jnp.asarray(getattr(model, name), record.y.dtype)) for name in names]
     sizes = [value.size for value in values]
-    free = tuple(
-        name if size == 1 and name != "lags" else f"{name}[{k}]"
-        for name, size in zip(names, sizes, strict=True)
-        for k in range(size)
-    )
-    bounds = [jnp.atleast_1d(stuck.get(name, jnp.zeros((), bool))) for name in names]
-    residual = record.y - predict(model, record, record.t)
-    count, parameters = residual.size, len(free)
-    square = jnp.sum(residual**2)
-    phi = _autocorrelation(residual, parameters)
+    at_bound = result.details["at_bound"]
+    residual = record.y - result.predict(record.t)
+    count, square = residual.size, jnp.sum(residual**2)
+    phi = _autocorrelation(residual, len(free))
     quantum = quantisation(record.y)
-    details = {
-        "aicc": count * jnp.log(jnp.maximum(square, jnp.finfo(square.dtype).tiny) / count)
-        + 2 * parameters * count / max(count - parameters - 1, 1),
+    details = result.details | {
         "residual_autocorrelation": phi,
         "residuals_correlated": jnp.abs(phi) > 0,
         "quantisation": quantum,
         "quantised": quantum > 0,
     }
     if not free:
-        zero = jnp.zeros((), residual.dtype)
-        return (
-            _by_name(model, (), [], zero[None], final, record),
-            zero * jnp.ones((0, 0)),
-            free,
-            details,
-        )
+        std = _by_name(result, (), [], residual[:0], tied)
+        return dataclasses.replace(result, std=std, details=details)
 
     def prediction(*numbers: Array) -> Array:
         new, position = [], 0
@@ -72,11 +62,11 @@ def certainty(
             new.append(jnp.stack(part) if jnp.ndim(getattr(model, name)) else part[0])
             position += size
         plant = eqx.tree_at(lambda m: [getattr(m, name) for name in names], model, new)
-        if final is not None:
-            plant = eqx.tree_at(lambda m: m.offset, plant, final - record.step_size * plant.gain)
+        if tied:
+            offset = record.final - record.step_size * plant.gain
+            plant = eqx.tree_at(lambda m: m.offset, plant, offset)
         return predict(plant, record, record.t)
 
-    at_bound = jnp.concatenate(bounds)
     jacobian = columns(prediction, jnp.concatenate(values))
     jacobian = jnp.where(at_bound[:, None], 0, jacobian)
     size = jnp.sqrt(jnp.sum(jacobian**2, axis=1))
@@ -93,22 +83,27 @@ def certainty(
     covariance = variance * inverse @ coloured @ inverse.T / size[:, None] / size[None, :]
     unknown = at_bound | lost
     covariance = jnp.where(unknown[:, None] | unknown[None, :], jnp.nan, covariance)
-    details["effective_parameters"] = effective
-    std = _by_name(model, names, sizes, jnp.sqrt(jnp.diagonal(covariance)), final, record)
-    return std, covariance, free, details
+    covariance = nan_where(refused(result.status), covariance)
+    errors = jnp.sqrt(jnp.diagonal(covariance))
+    return dataclasses.replace(
+        result,
+        std=_by_name(result, names, sizes, errors, tied),
+        covariance=covariance,
+        details=details | {"effective_parameters": effective},
+    )
 
 
-def _by_name(model, names, sizes, errors, final, record) -> dict[str, Array]:
+def _by_name(result, names, sizes, errors, tied) -> dict[str, Array]:
     std = {
-        name: jnp.zeros_like(jnp.asarray(getattr(model, name), errors.dtype))
-        for name in parameter_names(model)
+        name: jnp.zeros(jnp.shape(getattr(result.model, name)), errors.dtype)
+        for name in parameter_names(result.model)
     }
     position = 0
     for name, size in zip(names, sizes, strict=True):
         std[name] = errors[position : position + size].reshape(std[name].shape)
         position += size
-    if final is not None:
-        std["offset"] = jnp.abs(record.step_size) * std["gain"]
+    if tied:
+        std["offset"] = jnp.abs(result.record.step_size) * std["gain"]
     return std
 
 

@@ -1,4 +1,4 @@
-"""Characteristic times of a recorded response: level crossings and the tangent at the inflection."""
+"""Characteristic times of a record: level crossings and the tangent at the inflection."""
 
 from typing import NamedTuple
 

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ._certainty import aicc, with_errors
 from ._models import AbstractPlant
 from ._record import StepRecord
 from ._result import Identification, Status, conclude, predict, refused, status_name
@@ -79,14 +80,19 @@ def _refuse_tracers(record: StepRecord, what: str) -> None:
 
 
 def _identify_auto(record: StepRecord, options: dict[str, Any]) -> Identification:
-    results = [identify(record, name, **options) for name in AUTO]
+    results = [identify(record, name, **(options | {"errors": False})) for name in AUTO]
     scores = [float(_aicc(result)) for result in results]
     chosen = int(np.argmin(scores))
-    details = results[chosen].details | {
-        f"aicc_{name}": jnp.asarray(score) for name, score in zip(AUTO, scores, strict=True)
-    }
+    result = dataclasses.replace(results[chosen], record=record.plain)
+    if options.get("errors", True):
+        fixed = set(options.get("fixed", ()))
+        tied = (
+            record.final is not None and record.initial is None and not fixed & {"gain", "offset"}
+        )
+        result = eqx.filter_jit(with_errors)(result, tied=tied)
+    details = {f"aicc_{name}": jnp.asarray(score) for name, score in zip(AUTO, scores, strict=True)}
     details["chosen"] = jnp.asarray(chosen)
-    return dataclasses.replace(results[chosen], details=details)
+    return dataclasses.replace(result, record=record, details=result.details | details)
 
 
 def chosen_method(result: Identification) -> str:
@@ -100,10 +106,7 @@ def _aicc(result: Identification):
         value = result.details["aicc"]
     else:
         count = result.record.y.size
-        parameters = parameter_count(result.model)
-        floor = jnp.finfo(result.rmse.dtype).tiny
-        value = 2 * count * jnp.log(jnp.maximum(result.rmse, floor))
-        value = value + 2 * parameters * count / max(count - parameters - 1, 1)
+        value = aicc(count * result.rmse**2, count, parameter_count(result.model))
     return jnp.where(refused(result.status) | jnp.isnan(value), jnp.inf, value)
 
 

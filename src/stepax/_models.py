@@ -6,6 +6,7 @@ a batch axis, and differentiated with `equinox.filter_grad`.
 
 import abc
 import operator
+from typing import TYPE_CHECKING
 
 import equinox as eqx
 import jax
@@ -158,8 +159,14 @@ class AbstractPlant(eqx.Module):
 class AbstractChain(AbstractPlant):
     r"""A chain of real lags, $\prod_k 1/(1 + s T_k)$."""
 
-    lags: eqx.AbstractVar[Lags]
-    """Time constants: shape (n,) for an order that is a Python int, else (8,), zeros last."""
+    if TYPE_CHECKING:
+
+        @property
+        def lags(self) -> Lags:
+            """Time constants: shape (n,) for a Python int as order, else (8,), zeros last."""
+            ...
+    else:
+        lags: eqx.AbstractVar[Lags]
 
     @property
     def poles(self) -> Shaped[np.ndarray, " n"]:
@@ -283,7 +290,7 @@ class PTn(AbstractChain):
     0 is no lag; a negative one gives NaN.
     """
 
-    lags: Float[ArrayLike, "..."] = _parameter()
+    lags: Float[ArrayLike, "..."] = _parameter()  # pyright: ignore[reportIncompatibleMethodOverride, reportAssignmentType]
 
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), by contour quadrature."""

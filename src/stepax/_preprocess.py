@@ -138,9 +138,9 @@ def noise_level(t: Samples, y: Samples) -> Scalar:
 
 
 def quantisation(y: Samples) -> Scalar:
-    """Smallest step between distinct values if most neighbours are equal or it explains all; else 0.
+    """Smallest step between distinct values of a quantised signal; 0 for any other.
 
-    A record counts as quantised when fewer than a third of its samples are distinct values.
+    A signal counts as quantised when fewer than a third of its samples are distinct values.
     """
     ordered = jnp.sort(y)
     gaps = jnp.diff(ordered)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ._result import refused, Status
+from ._result import Status, refused
 from ._types import Flag, Samples, Scalar
 
 

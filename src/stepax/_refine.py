@@ -4,6 +4,7 @@ Gain and offset enter linearly: for given shape and dead time their best values 
 (variable projection, Golub and Pereyra 1973), so that the iteration sees one to four parameters.
 """
 
+import dataclasses
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -13,12 +14,12 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
-from ._certainty import certainty
+from ._certainty import aicc, with_errors
 from ._contour import accuracy
 from ._coordinates import MAX_SPREAD, Family, family_of
 from ._models import FOPDT, AbstractPlant, Hudzovic, Sani
 from ._record import StepRecord, usable_record
-from ._result import Identification, Status, conclude, first_problem, parameter_names
+from ._result import Identification, Status, conclude, first_problem, parameter_names, predict
 from ._solver import BoundedLevenbergMarquardt, columns, free_parameters, solve_positive
 from ._types import Samples, Scalar
 
@@ -35,6 +36,7 @@ def refine(
     weights: Samples | None = None,
     solver: optx.AbstractLeastSquaresSolver | None = None,
     max_steps: int = 80,
+    errors: bool = True,
 ) -> Identification:
     r"""Model that minimises the squared error, found from `model`.
 
@@ -51,11 +53,14 @@ def refine(
 
     **Arguments:** `model` is the start, in the record's units. `weights` per row, 1 by default.
     `solver` is any optimistix least-squares solver; bounds are kept only by the default one.
+    `errors=False` leaves standard errors and covariance NaN, which is faster.
 
-    **Returns:** `Identification`; see `certainty` for the standard errors. Derivatives with
+    **Returns:** `Identification`; see `with_errors` for the standard errors. Derivatives with
     respect to the record and to what is fixed come from the implicit function theorem; those of a
     lane that did not converge are NaN. `.details`: `steps`, `aicc` (Hurvich and Tsai 1989, with
-    the number of free parameters) and what `certainty` adds.
+    the number of free parameters), `at_bound` in the order of `.free`; unless `errors=False` also
+    `residual_autocorrelation`, `quantisation`, and the truth of `residuals_correlated`,
+    `quantised`.
     """
     _check_names(model, fixed)
     record_problem, safe = usable_record(record)
@@ -75,11 +80,26 @@ def refine(
         fit.settled_status(fitted),
         fit.bound_status(stuck, x),
     )
-    known = fit.known_names()
-    std, covariance, free, details = certainty(safe, fitted, known, stuck, fit.final)
-    details = {"steps": steps} | details | record.details
-    return conclude(
-        record, fitted, status, std=std, covariance=covariance, free=free, details=details
+    free, at_bound = fit.free_names(stuck)
+    square = jnp.sum((safe.y - predict(fitted, safe, safe.t)) ** 2)
+    details = {
+        "steps": steps,
+        "at_bound": at_bound,
+        "aicc": aicc(square, safe.y.size, len(free)),
+    }
+    result = conclude(safe, fitted, status, free=free, details=details)
+    if errors:
+        result = with_errors(result, tied=fit.final is not None)
+    return dataclasses.replace(result, record=record, details=result.details | record.details)
+
+
+def final_level_ties(record: StepRecord, fixed: Sequence[str]) -> bool:
+    """Whether a known final level ties gain and offset, neither being known."""
+    return (
+        record.final is not None
+        and record.initial is None
+        and "gain" not in fixed
+        and "offset" not in fixed
     )
 
 
@@ -140,14 +160,21 @@ class Fit(eqx.Module):
     @property
     def final(self) -> Scalar | None:
         """The final level where it ties gain and offset, neither being known."""
-        return self.record.final if self.offset is None and self.gain is None else None
+        return self.record.final if final_level_ties(self.record, self.fixed) else None
 
-    def known_names(self) -> tuple[str, ...]:
-        """Names of all parameters that are not free."""
-        known = list(self.fixed)
-        known += ["offset"] if self.offset is not None else []
-        known += ["gain"] if self.gain is not None else []
-        return tuple(dict.fromkeys(known))
+    def free_names(self, stuck: dict[str, Array]) -> tuple[tuple[str, ...], Array]:
+        """Names of the free parameters, lags counted one by one, and which lie on a bound."""
+        known = set(self.fixed)
+        known |= {"offset"} if self.offset is not None or self.final is not None else set()
+        known |= {"gain"} if self.gain is not None else set()
+        names: list[str] = []
+        flags = [jnp.zeros(0, bool)]
+        for name in parameter_names(self.model):
+            if name not in known:
+                size = jnp.size(getattr(self.model, name))
+                names += [name] if name != "lags" else [f"lags[{k}]" for k in range(size)]
+                flags.append(jnp.broadcast_to(stuck.get(name, jnp.array(False)), (size,)))
+        return tuple(names), jnp.concatenate(flags)
 
     def _kept(self) -> np.ndarray:
         """Which of the family's coordinates are free."""

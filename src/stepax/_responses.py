@@ -6,6 +6,7 @@ a few units in the last place of 1. Chains of arbitrary real lags are in `_conto
 
 import math
 
+import jax
 import jax.numpy as jnp
 from jax.scipy.special import gammaln
 from jaxtyping import Array, Float, Int
@@ -33,7 +34,7 @@ def first_order_response(t: Float[Array, "*shape"], T: Scalar) -> Float[Array, "
     return jnp.where(started, -jnp.expm1(-t / T), 0)
 
 
-def decay_integral(rate: Scalar, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+def decay_integral(rate: Float[Array, "..."], t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
     r"""$E = (1 - e^{-d t})/d$; t at d = 0, and smooth through it."""
     x = rate * t
     small = jnp.abs(x) < 0.1
@@ -75,6 +76,7 @@ def equal_spacing_response(
     return jnp.where(started, 1 - jnp.exp(-slowest * t) * total, 0)
 
 
+@jax.jit
 def equal_lag_response(t: Float[Array, "*shape"], T: Scalar, n: Scalar) -> Float[Array, "*shape"]:
     r"""$1/(1 + sT)^n$ for real n: the gamma distribution function $P(n, x)$, $x = t/T$.
 
@@ -103,6 +105,7 @@ def equal_lag_response(t: Float[Array, "*shape"], T: Scalar, n: Scalar) -> Float
     return jnp.where(started, jnp.where(valid, g, jnp.nan), 0)
 
 
+@jax.jit
 def second_order_response(
     t: Float[Array, "*shape"], zeta: Scalar, omega_n: Scalar
 ) -> Float[Array, "*shape"]:

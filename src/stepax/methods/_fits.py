@@ -1,5 +1,6 @@
 """Least-squares fits: a start from the record, then `refine`."""
 
+import dataclasses
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -10,15 +11,19 @@ import numpy as np
 from jaxtyping import Array
 from scipy import special
 
-from .._characterise import crossing_times, levels
+from .._certainty import with_errors
+from .._characterise import levels
 from .._curves import DEFAULT_ORDERS, chain_with_spread, check_orders
 from .._models import FOPDT, SOPDT, AbstractPlant, Hudzovic, Sani
 from .._preprocess import sliding_average
 from .._record import StepRecord, usable_record
-from .._refine import refine
+from .._refine import final_level_ties, refine
 from .._result import Identification, refused
 from .._types import Scalar
 
+
+SAME_AICC = 2.0
+"""Difference in AICc below which the smaller order is kept (Burnham and Anderson 2002)."""
 
 START_LEVELS = (0.283, 0.632)
 """The two levels of Smith (1972): 1/3 and 1 time constant of a first-order plant."""
@@ -63,16 +68,17 @@ def hudzovic_fit(
     order: int | str = "auto",
     orders: Iterable[int] = DEFAULT_ORDERS,
     fixed: Sequence[str] = (),
+    errors: bool = True,
     **options: Any,
 ) -> Identification:
     r"""Hudzovic's model by least squares (Murray 2016, section 2.4): T, r, and K, L, offset.
 
     The paper frees T and r only: `fixed=("delay",)` with known levels. **Options:** `order`, or
-    "auto": each of `orders` is fitted and the one with the smallest error kept (AICc ranks alike,
-    all having the same number of free parameters); `fixed` and further ones as in `refine`. With a
-    free delay the orders are nearly interchangeable. **Status** as in `refine`.
+    "auto": each of `orders` is fitted and the smallest kept whose AICc is within 2 of the best,
+    since with a free delay the orders are nearly interchangeable; its AICc then counts n as one
+    more parameter. `fixed`, `errors` and further ones as in `refine`. **Status** as in `refine`.
     """
-    return _chain_fit(Hudzovic, record, order, orders, fixed, options)
+    return _chain_fit(Hudzovic, record, order, orders, fixed, errors, options)
 
 
 def sani_fit(
@@ -81,28 +87,37 @@ def sani_fit(
     order: int | str = "auto",
     orders: Iterable[int] = DEFAULT_ORDERS,
     fixed: Sequence[str] = (),
+    errors: bool = True,
     **options: Any,
 ) -> Identification:
     r"""Sani's model by least squares (Murray 2016, section 2.4): T, r, and K, L, offset.
 
     Options and status as in `hudzovic_fit`.
     """
-    return _chain_fit(Sani, record, order, orders, fixed, options)
+    return _chain_fit(Sani, record, order, orders, fixed, errors, options)
 
 
-def _chain_fit(model, record, order, orders, fixed, options) -> Identification:
+def _chain_fit(model, record, order, orders, fixed, errors, options) -> Identification:
+    def fit(n):
+        start = _chain_start(model, record, n, fixed)
+        return refine(record, start, fixed, errors=False, **options)
+
     if order == "auto":
-        candidates = check_orders(orders)
-        results = eqx.filter_vmap(
-            lambda n: refine(record, _chain_start(model, record, n, fixed), fixed, **options)
-        )(jnp.asarray(candidates))
-        score = jnp.where(refused(results.status), jnp.inf, results.rmse)
-        best = jnp.argmin(jnp.where(jnp.isnan(score), jnp.inf, score))
-        return jax.tree.map(lambda x: x[best], results)
-    (n,) = check_orders([order]) if isinstance(order, int | np.integer) else (order,)
-    if isinstance(n, str):
+        candidates = jnp.asarray(check_orders(orders))
+        results = jax.lax.map(fit, candidates)
+        score = jnp.where(refused(results.status), jnp.inf, results.details["aicc"])
+        # argmax finds the first, that is smallest, order that is near enough
+        best = jnp.argmax(score <= jnp.min(score) + SAME_AICC)
+        result = jax.tree.map(lambda x: x[best], results)
+        details = result.details | {"aicc": result.details["aicc"] + 2}
+        result = dataclasses.replace(result, record=record, details=details)
+    elif isinstance(order, int | np.integer) and not isinstance(order, bool):
+        result = fit(jnp.asarray(check_orders([order])[0]))
+    else:
         raise ValueError(f"order must be a whole number from 2 to 8 or 'auto', got {order!r}.")
-    return refine(record, _chain_start(model, record, jnp.asarray(n), fixed), fixed, **options)
+    if not errors:
+        return result
+    return with_errors(result, tied=final_level_ties(record, fixed))
 
 
 def _chain_start(model, record, n: Array, fixed) -> AbstractPlant:
@@ -133,11 +148,13 @@ def _averaged(record: StepRecord) -> Array:
 
 
 def _start_times(record: StepRecord) -> tuple[Scalar, Scalar]:
-    """Times at the two start levels, of the averaged record; a guess where they do not exist."""
+    """Times of the first samples at the two start levels, in the averaged record."""
     _, safe = usable_record(record)
-    smooth = eqx.tree_at(lambda r: r.y, safe, _averaged(safe))
-    early, late = crossing_times(smooth, jnp.array(START_LEVELS))
-    duration = safe.t[-1] - safe.step_time
-    early = jnp.where(early > 0, early, 0.1 * duration)
-    late = jnp.where(late > 1.05 * early, late, 1.5 * early)
-    return jax.lax.stop_gradient((early, late))
+    initial, final = levels(safe)
+    y = (_averaged(safe) - initial) * jnp.sign(final - initial)
+    t = safe.t - safe.step_time
+    early, late = (
+        t[jnp.argmax((y >= q * jnp.abs(final - initial)) & (t > 0))] for q in START_LEVELS
+    )
+    early = jnp.maximum(early, 1e-3 * t[-1])
+    return jax.lax.stop_gradient((early, jnp.maximum(late, 1.05 * early)))
