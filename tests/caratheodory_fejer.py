@@ -40,16 +40,23 @@ def approximation(n: int) -> list[tuple]:
     sigma, vector = singular_pair(series, n)
 
     def extended(w):
-        tail = sigma * w * mpmath.polyval(vector[::-1], w) / mpmath.polyval(vector[::-1], 1 / w)
-        return mpmath.polyval(series[::-1], w) - tail
+        return polynomial(series, w) - sigma * w * polynomial(vector, w) / polynomial(vector, 1 / w)
 
-    inverse_zeros = mpmath.polyroots(vector, maxsteps=500, extraprec=400)
+    inverse_zeros = mpmath.polyroots(vector[::-1], maxsteps=500, extraprec=400, asc=True)
     outside = [q for q in inverse_zeros if abs(q) > 1]
     assert len(outside) == n
     return [
         (SCALE * ((q - 1) / (q + 1)) ** 2, 4 * c * SCALE * ((q - 1) / (q + 1)) ** 2 / (q * q - 1))
         for q, c in zip(outside, residues(extended, outside, circle), strict=True)
     ]
+
+
+def polynomial(coefficients: list, x):
+    """Value of a polynomial with ascending coefficients."""
+    value = mpf(0)
+    for c in reversed(coefficients):
+        value = value * x + c
+    return value
 
 
 def chebyshev_coefficients(circle: list) -> list:
@@ -84,8 +91,8 @@ def residues(function: Callable, poles: list, circle: list) -> list:
         return mpmath.fprod(w - p for p in poles if p is not q)
 
     values = [function(w) * others(w) for w in circle]
-    polynomial = [
+    numerator = [
         (sum(y * circle[-j * k % SAMPLES] for j, y in enumerate(values)) / SAMPLES).real
         for k in range(len(poles) + 1)
     ]
-    return [mpmath.polyval(polynomial[::-1], q) / others(q, q) for q in poles]
+    return [polynomial(numerator, q) / others(q, q) for q in poles]

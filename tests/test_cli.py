@@ -22,6 +22,7 @@ from stepax._result import conclude, refused
 def no_cache(monkeypatch):
     """Compiled code of tests is not kept."""
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "elsewhere")
+    monkeypatch.setattr("stepax._contour._looped", False)  # set by the command line
 
 
 @pytest.fixture

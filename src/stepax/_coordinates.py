@@ -4,7 +4,7 @@ A family's own parameters map one to one to coordinates; fixing a parameter remo
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -14,6 +14,7 @@ from jaxtyping import Array
 from ._curves import chain_with_spread
 from ._models import FOPDT, SOPDT, AbstractPlant, EqualLag, Hudzovic, PTn, Sani
 from ._responses import MAX_REAL_ORDER
+from ._types import Coordinates
 
 
 LOG_TIME = (math.log(1e-6), math.log(1e3))
@@ -34,7 +35,7 @@ class Family(NamedTuple):
 
     names: tuple[str, ...]
     encode: Callable[[AbstractPlant], Array]
-    decode: Callable[[Sequence[Array], AbstractPlant], dict[str, Array]]
+    decode: Callable[[Coordinates, AbstractPlant], dict[str, Array]]
     bounds: tuple[tuple[float, float], ...]
     time_powers: tuple[float, ...]
 

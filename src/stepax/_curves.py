@@ -168,7 +168,7 @@ def lookup_curves(model: type[AbstractChain], n: ArrayLike, r: Float[ArrayLike, 
 # --- inverses --------------------------------------------------------------------------------
 
 
-def chain_with_spread(model: type[AbstractChain], log_c: Scalar, n: Count) -> AbstractChain:
+def chain_with_spread(model: type[AbstractChain], log_c: Scalar, n: int | Count) -> AbstractChain:
     """Chain whose lags sum to 1 at a spread coordinate c <= 1; its times are smooth in c too."""
     s = jnp.exp(log_c) / (1 + jnp.sqrt(-jnp.expm1(log_c))) ** 2
     r = s if model is Sani else (1 - s) / (n - 1)

@@ -21,7 +21,7 @@ from ._models import FOPDT, AbstractPlant, Hudzovic, Sani
 from ._record import StepRecord, usable_record
 from ._result import Identification, Status, conclude, first_problem, parameter_names, predict
 from ._solver import BoundedLevenbergMarquardt, columns, free_parameters, solve_positive
-from ._types import Samples, Scalar
+from ._types import Coordinates, Samples, Scalar
 
 
 SETTLED = 0.95
@@ -202,7 +202,7 @@ class Fit(eqx.Module):
         lower, upper = self.bounds()
         return jax.lax.stop_gradient(jnp.clip(x.astype(lower.dtype), lower, upper))
 
-    def shape(self, x: Sequence[Array]) -> AbstractPlant:
+    def shape(self, x: Coordinates) -> AbstractPlant:
         """Plant with gain 1 and offset 0 at coordinates."""
         full = list(self.family.encode(self.model).astype(self.record.t.dtype))
         shift = self._shift()
@@ -232,14 +232,14 @@ class Fit(eqx.Module):
         amplitude = _slope(w, g - mean_g, y - mean_y)
         return mean_y - amplitude * mean_g, amplitude
 
-    def residual(self, x: Sequence[Array]) -> Samples:
+    def residual(self, x: Coordinates) -> Samples:
         """Weighted residuals over the range of the output."""
         g = self.shape(x).step_response(self.record.t - self.record.step_time)
         offset, amplitude = self._levels(g)
         scale = jax.lax.stop_gradient(jnp.max(self.record.y) - jnp.min(self.record.y))
         return jnp.sqrt(self.weights) * (self.record.y - offset - amplitude * g) / scale
 
-    def plant(self, x: Sequence[Array]) -> AbstractPlant:
+    def plant(self, x: Coordinates) -> AbstractPlant:
         """The whole model at coordinates; what is known is returned exactly as given."""
         shape = self.shape(x)
         g = shape.step_response(self.record.t - self.record.step_time)

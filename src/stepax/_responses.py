@@ -8,6 +8,7 @@ import math
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.scipy.special import gammaln
 from jaxtyping import Array, Float, Int
 
@@ -96,9 +97,12 @@ def equal_lag_response(t: Float[Array, "*shape"], T: Scalar, n: Scalar) -> Float
     x = jnp.clip(t / T, tiny, -math.log(tiny))
     steps = jnp.maximum(jnp.ceil(n) - 2, 0)
     a = n - steps
-    total = jnp.zeros_like(x)
-    for i in range(MAX_REAL_ORDER - 2, 0, -1):
-        total = jnp.where(i <= steps, 1 + x / (a + i) * total, total)
+
+    def add(total, i):
+        return jnp.where(i <= steps, 1 + x / (a + i) * total, total), None
+
+    places = np.arange(MAX_REAL_ORDER - 2, 0, -1)
+    total, _ = jax.lax.scan(add, jnp.zeros_like(x * a), jnp.asarray(places, x.dtype))
     first = jnp.exp(a * jnp.log(x) - x - gammaln(a + 1))
     g = lag_power_response(t, T, a) - first * total
     valid = (n > 0) & (n <= MAX_REAL_ORDER)

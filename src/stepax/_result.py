@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+from jaxtyping import Array, Bool
 
 from ._models import AbstractPlant
 from ._types import Flag, Samples, Scalar
@@ -44,7 +44,7 @@ class Status(eqx.Enumeration):
     not_converged = "The least-squares iteration did not converge."
 
 
-def refused(status: Status) -> Flag:
+def refused(status: Status) -> Bool[Array, "..."]:
     """Whether a status is a refusal (its parameters are NaN), also traced and in a batch."""
     return jnp.asarray(status._value >= Status.nonfinite_data._value)
 

@@ -62,7 +62,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             failed=jnp.array(False),
         )
 
-    def step(self, fn, y, args, options, state, tags) -> tuple[Array, _State, PyTree]:
+    def step(self, fn, y, args, options, state, tags) -> tuple[PyTree, _State, PyTree]:
         """Evaluate the candidate, keep it if it is better, and prepare the next one."""
         del tags
         lower, upper = options["lower"], options["upper"]
@@ -119,7 +119,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
     def postprocess(
         self, fn, y, aux, args, options, state, tags, result
-    ) -> tuple[Array, PyTree, dict[str, Any]]:
+    ) -> tuple[PyTree, PyTree, dict[str, Any]]:
         """The result as it is."""
         del fn, args, options, state, tags, result
         return y, aux, {}

@@ -1,5 +1,7 @@
 """Array aliases used in signatures."""
 
+from collections.abc import Sequence
+
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 
@@ -15,3 +17,5 @@ Lags = Float[Array, " lags"]
 """Time constants of a chain of first-order lags; 0 is no lag."""
 Spectrum = Complex[Array, "*shape"]
 """Complex frequency response."""
+Coordinates = Array | Sequence[Array]
+"""A few unknowns: a row, or numbers one by one."""

@@ -1,0 +1,609 @@
+"""Lookup curves against high precision, and their inverses against the curves."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import mpmath
+import numpy as np
+import oracle
+import pytest
+from mpmath import mpf
+from scipy import optimize, special
+
+from stepax import PTn, Hudzovic, Sani, Status, lookup, lookup_curves
+
+
+ORDERS = np.arange(2, 9)
+FAMILIES = [Hudzovic, Sani]
+KINDS = ["tu_tg", "lam"]
+TIMES = {"tu_tg": ("Tu", "Tg"), "lam": ("t10", "t50", "t90")}
+FIRST_ORDER = {"tu_tg": 0.0, "lam": np.log(9) / np.log(2)}
+BATCH = 256
+"""Lanes of every batch, so that each function is compiled once."""
+
+families = pytest.mark.parametrize("model", FAMILIES)
+kinds = pytest.mark.parametrize("kind", KINDS)
+
+# Murray 2016, recomputed independently: reference/murray_notes.md section 1.2 (6 decimals).
+EQUAL_LAGS = np.array(
+    [  # max Tu/Tg, 1/Tg, min lam, 1/t50
+        (0.103638, 0.367879, 2.000724, 0.595824),
+        (0.218018, 0.270671, 1.578220, 0.373963),
+        (0.319357, 0.224042, 1.344208, 0.272327),
+        (0.410304, 0.195367, 1.190560, 0.214091),
+        (0.493298, 0.175467, 1.079824, 0.176362),
+        (0.570042, 0.160623, 0.995152, 0.149933),
+        (0.641733, 0.149003, 0.927704, 0.130391),
+    ]
+)
+
+
+def batched(function, *columns):
+    """A batch function on columns of any length, BATCH rows at a time (the last row repeated)."""
+    columns = [np.asarray(x) for x in np.broadcast_arrays(*columns)]
+    count = len(columns[0])
+    parts = []
+    for start in range(0, count, BATCH):
+        rows = np.minimum(np.arange(start, start + BATCH), count - 1)
+        parts.append(function(*(x[rows] for x in columns)))
+    return jax.tree.map(lambda *x: np.concatenate(x)[:count], *parts)
+
+
+@functools.cache
+def compiled_curves(model):
+    return jax.jit(lambda n, r: lookup_curves(model, n, r))
+
+
+def curves(model, n, r):
+    """The four curves, as the columns of a table."""
+    return np.stack(batched(compiled_curves(model), n, r), axis=1)
+
+
+@functools.cache
+def compiled_lookup(model, kind, derivatives=True, **options):
+    """(n, T, r, status) of a batch of times, d(T, r)/d(times) forward and in reverse."""
+
+    def parameters(times):
+        found, status = lookup(model, **dict(zip(TIMES[kind], times, strict=True)), **options)
+        return jnp.stack([found.T, found.r]), (found.n, found.T, found.r, status._value)  # pyright: ignore[reportAttributeAccessIssue]
+
+    def one(*times):
+        if not derivatives:
+            return parameters(times)[1]
+        _, pull, found = jax.vjp(parameters, times, has_aux=True)
+        reverse = jnp.stack(jax.vmap(lambda seed: pull(seed)[0])(jnp.eye(2)), axis=-1)
+        forward = jnp.stack(jax.jacfwd(lambda x: parameters(x)[0])(times), axis=-1)
+        return *found, forward, reverse
+
+    return jax.jit(jax.vmap(one))
+
+
+class Found:
+    """Lookups of a batch of times."""
+
+    def __init__(self, model, kind, times, **options):
+        self.model, self.kind, self.times = model, kind, np.asarray(times)
+        function = compiled_lookup(model, kind, **options)
+        self.n, self.T, self.r, self._status, *self.derivatives = batched(function, *self.times.T)
+
+    def all_are(self, status):
+        return (self._status == status._value).all()
+
+    @property
+    def refused(self):
+        assert (np.isnan(self.T) == np.isnan(self.r)).all()
+        return np.isnan(self.T)
+
+
+def times_of(kind, table, T=1.0):
+    """Times of plants from their four curves; t10 is any, lam alone counts."""
+    tu_tg, inv_tg, lam, inv_t50 = table.T
+    if kind == "tu_tg":
+        return (np.stack([tu_tg, np.ones_like(tu_tg)]) / inv_tg * T).T
+    return times_with_ratio(kind, lam) * (T / inv_t50)[:, None]
+
+
+def times_with_ratio(kind, value):
+    value = np.atleast_1d(np.asarray(value))
+    one = np.ones_like(value)
+    if kind == "tu_tg":
+        return np.stack([value, one], axis=1)
+    t10 = 0.1 * one
+    return np.stack([t10, one, t10 + value], axis=1)
+
+
+def ratio(kind, times):
+    if kind == "tu_tg":
+        return times[:, 0] / times[:, 1]
+    return (times[:, 2] - times[:, 0]) / times[:, 1]
+
+
+def equal_lag_ends(kind):
+    """Closed forms: the gamma distribution."""
+    if kind == "tu_tg":
+        x = ORDERS - 1
+        slope = np.exp(x * np.log(x) - x - special.gammaln(ORDERS))
+        return x * slope - special.gammainc(ORDERS, x)
+    t10, t50, t90 = (special.gammaincinv(ORDERS, p) for p in (0.1, 0.5, 0.9))
+    return (t90 - t10) / t50
+
+
+def inside(kind, value, amount):
+    """A ratio moved towards the first-order end by a relative amount."""
+    return value * (1 - amount if kind == "tu_tg" else 1 + amount)
+
+
+def grid(model, shares):
+    """Every order with every share of the range of r."""
+    n, share = (x.ravel() for x in np.meshgrid(ORDERS, shares, indexing="ij"))
+    return n, share if model is Sani else share / (n - 1)
+
+
+# ---- the curves
+
+
+def high_precision_curves(model, n, r):
+    """The four curves of one plant, by root finding on partial fractions."""
+    family = model.__name__
+    with oracle.enough_digits(family, {"n": n}):
+        p = {"T": mpf(1), "r": oracle.exact(r), "n": n}
+        lags = (oracle.hudzovic_lags if model is Hudzovic else oracle.sani_lags)(p)
+        middle = mpmath.log(mpmath.fsum(lags))
+
+        def time_at(level):
+            def logit(x):
+                g = oracle.chain(mpmath.exp(x), lags)
+                return mpmath.log(g / (1 - g)) - mpmath.log(level / (1 - level))
+
+            return mpmath.exp(mpmath.findroot(logit, (middle, middle - 0.5), tol=1e-40))
+
+        def differences(t):
+            h = t * oracle.STEP
+            below, at, above = (oracle.chain(t + k * h, lags) for k in (-1, 0, 1))
+            return at, (above - below) / (2 * h), (above - 2 * at + below) / h**2
+
+        def relative_curvature(x):
+            t = mpmath.exp(x)
+            _, slope, curvature = differences(t)
+            return t * curvature / slope
+
+        bracket = (mpmath.log(mpf(10) ** -3), middle)
+        t = mpmath.exp(mpmath.findroot(relative_curvature, bracket, solver="anderson", tol=1e-40))
+        g, slope, _ = differences(t)
+        t10, t50, t90 = (time_at(mpf(k) / 10) for k in (1, 5, 9))
+        return [float(x) for x in (t * slope - g, slope, (t90 - t10) / t50, 1 / t50)]
+
+
+SHARES = {Hudzovic: (0, 0.02, 0.3, 0.7, 0.98, 0.99999), Sani: (0.01, 0.1, 0.4, 0.8, 0.99, 1)}
+
+
+@families
+def test_curves_at_high_precision(model):
+    n, r = grid(model, SHARES[model])
+    expected = np.array([high_precision_curves(model, *x) for x in zip(n.tolist(), r, strict=True)])
+    error = np.abs(curves(model, n, r) - expected)
+    # Sani's Tu/Tg is a difference of numbers known to some 1e-13.
+    floor = np.array([2e-13 if model is Sani else 0, 0, 0, 0])
+    assert (error <= 1e-11 * expected + floor).all()
+
+
+@families
+def test_curves_at_equal_lags_have_the_published_values(model):
+    n, r = grid(model, [1.0 if model is Sani else 0.0])
+    tu_tg, inv_tg, lam, inv_t50 = curves(model, n, r).T
+    assert np.abs(np.stack([tu_tg, inv_tg, lam, inv_t50], 1) - EQUAL_LAGS).max() < 5.1e-7
+    assert np.allclose(tu_tg, equal_lag_ends("tu_tg"), rtol=1e-12, atol=0)
+    assert np.allclose(lam, equal_lag_ends("lam"), rtol=1e-12, atol=0)
+
+
+@pytest.mark.long
+def test_hudzovic_quantiles_are_those_of_the_beta_distribution():
+    n, r = grid(Hudzovic, np.linspace(0.001, 0.999, 300))
+    m = 1 - (n - 1) * r
+    t10, t50, t90 = (-np.log1p(-special.betaincinv(n, m / r, p)) / r for p in (0.1, 0.5, 0.9))
+    *_, lam, inv_t50 = curves(Hudzovic, n, r).T
+    assert np.allclose(lam, (t90 - t10) / t50, rtol=1e-9, atol=0)
+    assert np.allclose(inv_t50, 1 / t50, rtol=1e-9, atol=0)
+
+
+@families
+def test_curves_are_monotone_in_r(model):
+    table = curves(model, *grid(model, np.linspace(0.001, 0.999, 36))).reshape(7, 36, 4)
+    rising = 1 if model is Sani else -1
+    assert (rising * np.diff(table[..., 0], axis=1) > 0).all()
+    assert (rising * np.diff(table[..., 2], axis=1) < 0).all()
+
+
+def test_curves_published_as_examples():
+    """Figures 3-5 of Murray 2016; recomputed in reference/murray_notes.md, E35."""
+    hudzovic = curves(Hudzovic, np.array([3, 3]), np.array([0.4, 0.3479]))
+    sani = curves(Sani, np.array([4, 3]), np.array([0.9, 0.8]))
+    assert np.allclose(hudzovic[0, :2], (0.16529, 0.10733), rtol=0, atol=6e-6)
+    assert np.allclose(hudzovic[1, 2:], (1.76677, 0.20077), rtol=0, atol=6e-6)
+    assert np.allclose(sani[0, :2], (0.31658, 0.26023), rtol=0, atol=6e-6)
+    assert np.allclose(sani[1, 2:], (1.6026, 0.4623), rtol=0, atol=6e-5)
+
+
+@families
+def test_curves_of_an_r_out_of_range_are_nan(model):
+    wrong = {Hudzovic: (-1e-3, 1.0, 1.2, np.nan), Sani: (-1e-3, -1.0, 1.001, np.nan)}[model]
+    n, r = grid(model, (*wrong, 0.5))
+    table = curves(model, n, r).reshape(len(ORDERS), -1, 4)
+    assert np.isnan(table[:, :-1]).all() and np.isfinite(table[:, -1]).all()
+
+
+@families
+def test_curves_broadcast_and_follow_the_dtype(model):
+    shape = jax.eval_shape(
+        lambda n, r: lookup_curves(model, n, r), np.array([[2], [3]]), np.zeros((1, 4), np.float32)
+    )
+    assert [(x.shape, x.dtype) for x in shape] == [((2, 4), np.float32)] * 4
+    shape = jax.eval_shape(lambda r: lookup_curves(model, 3, r), 0.1)
+    assert all(x.shape == () for x in shape)
+
+
+@families
+def test_curves_in_float32(model):
+    n, r = grid(model, (0.1, 0.5, 0.9))
+    single = curves(model, n, r.astype(np.float32))
+    assert single.dtype == np.float32
+    assert np.allclose(single, curves(model, n, r), rtol=2e-4, atol=2e-5)
+
+
+def test_curves_broadcast_values():
+    row = curves(Hudzovic, np.array([2, 3, 2, 3]), np.array([0.1, 0.1, 0.2, 0.2]))
+    r = jnp.array([[0.1], [0.2]])
+    table = lookup_curves(Hudzovic, jnp.array([[2, 3]]), r)
+    assert table.lam.shape == (2, 2)
+    assert np.allclose(np.stack(table, axis=-1).reshape(4, 4), row, rtol=1e-13, atol=0)
+
+
+# ---- inverses: where they lead
+
+
+@families
+@kinds
+def test_lookup_returns_to_the_plant(model, kind):
+    n, r = grid(model, np.linspace(0.05, 0.95, 19))
+    table = curves(model, n, r)
+    value = table[:, 0] if kind == "tu_tg" else -table[:, 2]
+    ends = equal_lag_ends(kind) * (1 if kind == "tu_tg" else -1)
+    smaller = np.concatenate([[-np.inf], ends[:-1]])[n - 2]  # end of the order below
+    own = value > smaller + 1e-5 * np.abs(smaller)
+    assert set(n[own]) == set(ORDERS)
+    T = np.geomspace(1e-3, 1e5, own.sum())
+    found = Found(model, kind, times_of(kind, table[own], T))
+    assert found.all_are(Status.successful)
+    assert (found.n == n[own]).all()
+    assert np.allclose(found.r, r[own], rtol=0, atol=3e-11)
+    assert np.allclose(found.T, T, rtol=3e-11, atol=0)
+
+
+def sweep(kind, count):
+    """Ratios over the whole range, dense at the first-order end and around every other."""
+    first, last = FIRST_ORDER[kind], equal_lag_ends(kind)[-1]
+    shares = [np.linspace(0, 1, count)[1:-1], 1 - np.geomspace(1e-5, 0.1, count // 4)]
+    shares.append(np.geomspace(1e-3, 0.1, count // 4))
+    around = [inside(kind, equal_lag_ends(kind), x) for x in (2e-6, 1e-5, 1e-4)]
+    return np.concatenate([first + s * (last - first) for s in shares] + around)
+
+
+def check_sweep(model, kind, count):
+    times = times_with_ratio(kind, sweep(kind, count)) * 3.7
+    found = Found(model, kind, times)
+    assert found.all_are(Status.successful)
+    table = curves(model, found.n, found.r)
+    given = ratio(kind, times)
+    reached = table[:, 0] if kind == "tu_tg" else table[:, 2]
+    assert np.abs(reached - given).max() < 1e-12
+    time, unit = (times[:, 1], table[:, 1] if kind == "tu_tg" else table[:, 3])
+    assert np.allclose(found.T, time * unit, rtol=1e-11, atol=0)
+    smallest = np.array([np.argmax(x) for x in contains(kind, given)]) + 2
+    assert (found.n == smallest).all()
+
+
+def contains(kind, value):
+    sign = 1 if kind == "tu_tg" else -1
+    return sign * value[:, None] <= sign * equal_lag_ends(kind)[None]
+
+
+@families
+@kinds
+def test_curves_at_the_result_have_the_given_value(model, kind):
+    check_sweep(model, kind, 300)
+
+
+@pytest.mark.long
+@families
+@kinds
+def test_curves_at_the_result_have_the_given_value_everywhere(model, kind):
+    check_sweep(model, kind, 20_000)
+
+
+@families
+@kinds
+def test_time_scales(model, kind):
+    times = times_with_ratio(kind, sweep(kind, 120))
+    one, seven = Found(model, kind, times), Found(model, kind, 7 * times)
+    assert (one.n == seven.n).all()
+    assert np.allclose(seven.T, 7 * one.T, rtol=1e-9, atol=0)
+    assert np.allclose(seven.r, one.r, rtol=0, atol=1e-9)
+
+
+# ---- inverses: the ends
+
+
+@families
+@kinds
+def test_equal_lags_within_the_tolerance(model, kind):
+    ends = equal_lag_ends(kind)
+    for amount in (0.0, 5e-7, -5e-7):
+        found = Found(model, kind, times_with_ratio(kind, inside(kind, ends, amount)))
+        assert found.all_are(Status.at_equal_lags)
+        assert (found.n == ORDERS).all()
+        assert (found.r == (1.0 if model is Sani else 0.0)).all()
+        forward, reverse = found.derivatives
+        assert (forward[:, 1] == 0).all() and (reverse[:, 1] == 0).all()
+        assert np.allclose(found.T, EQUAL_LAGS[:, 1 if kind == "tu_tg" else 3], atol=6e-7, rtol=0)
+        T_by_time = forward[:, 0, 1]  # T is proportional to Tg or t50
+        assert np.allclose(T_by_time, found.T, rtol=1e-12, atol=0)
+
+
+@families
+@kinds
+def test_both_sides_of_the_tolerance(model, kind):
+    ends = equal_lag_ends(kind)
+    nearer = Found(model, kind, times_with_ratio(kind, inside(kind, ends, 2e-6)))
+    assert nearer.all_are(Status.successful)
+    assert (nearer.n == ORDERS).all()
+    spread = 1 - nearer.r if model is Sani else nearer.r * (ORDERS - 1)
+    assert ((spread > 0) & (spread < 0.05)).all()
+    beyond = Found(model, kind, times_with_ratio(kind, inside(kind, ends[:-1], -2e-6)))
+    assert beyond.all_are(Status.successful)
+    assert (beyond.n == ORDERS[1:]).all()
+
+
+@families
+@kinds
+def test_beyond_the_last_order(model, kind):
+    last = equal_lag_ends(kind)[-1]
+    values = inside(kind, last, np.array([-2e-6, -0.1, -0.9]))
+    found = Found(model, kind, times_with_ratio(kind, values))
+    assert found.all_are(Status.beyond_last_order) and found.refused.all()
+
+
+@families
+@kinds
+def test_first_order(model, kind):
+    first = FIRST_ORDER[kind]
+    found = Found(model, kind, 2.0 * times_with_ratio(kind, [first, inside(kind, first, 5e-7)]))
+    if model is Hudzovic:
+        assert found.all_are(Status.beyond_first_order) and found.refused.all()
+    else:
+        assert found.all_are(Status.at_first_order)
+        assert (found.r == 0).all()
+        # One lag: Tg = T, t50 = T ln 2.
+        assert np.allclose(found.T, 2 / (1 if kind == "tu_tg" else np.log(2)), rtol=1e-12, atol=0)
+
+
+@families
+@kinds
+def test_beyond_the_first_order(model, kind):
+    values = [-2e-6, -0.3] if kind == "tu_tg" else [FIRST_ORDER["lam"] * x for x in (1.00001, 2)]
+    found = Found(model, kind, times_with_ratio(kind, values))
+    assert found.all_are(Status.beyond_first_order) and found.refused.all()
+
+
+nan, inf = np.nan, np.inf
+INVALID = {
+    "tu_tg": [(0.1, 0.0), (0.1, -1.0), (nan, 1.0), (0.1, nan), (0.1, inf), (inf, 1.0), (nan, nan)],
+    "lam": [
+        (1.0, 0.5, 2.0),
+        (0.5, 1.0, 0.9),
+        (0.5, 0.5, 1.0),
+        (0.0, 1.0, 2.0),
+        (-1.0, 1.0, 2.0),
+        (nan, 1.0, 2.0),
+        (0.1, nan, 2.0),
+        (0.1, 1.0, nan),
+        (0.1, 1.0, inf),
+    ],
+}
+
+
+@families
+@kinds
+def test_invalid_times(model, kind):
+    found = Found(model, kind, INVALID[kind])
+    assert found.all_are(Status.invalid_times) and found.refused.all()
+
+
+@families
+@kinds
+def test_a_refusal_leaves_its_neighbours_alone(model, kind):
+    good = times_with_ratio(kind, sweep(kind, 40))
+    bad = list(INVALID[kind])
+    bad += times_with_ratio(kind, [FIRST_ORDER[kind], equal_lag_ends(kind)[-1]]).tolist()
+    mixed = np.repeat(good, 2, axis=0)
+    mixed[1::2] = np.resize(np.array(bad), good.shape)
+    together, alone = Found(model, kind, mixed), Found(model, kind, good)
+    for name in ("n", "T", "r", "_status"):
+        assert np.array_equal(getattr(together, name)[::2], getattr(alone, name))
+    for a, b in zip(together.derivatives, alone.derivatives, strict=True):
+        assert np.isfinite(b).all() and np.array_equal(a[::2], b)
+
+
+# ---- inverses: derivatives
+
+
+@families
+@kinds
+def test_derivatives(model, kind):
+    n, r = grid(model, np.linspace(0.15, 0.85, 8))
+    times = times_of(kind, curves(model, n, r), 2.5)
+    value, ends = ratio(kind, times)[:, None], equal_lag_ends(kind)[None]
+    times = times[(np.abs(value / ends - 1) > 1e-3).all(axis=1)]
+    found = Found(model, kind, times)
+    assert found.all_are(Status.successful)
+    forward, reverse = found.derivatives
+    assert np.allclose(forward, reverse, rtol=1e-9, atol=1e-12)
+    for k in range(times.shape[1]):
+        h = 1e-5 * times[:, k : k + 1] * (np.arange(times.shape[1]) == k)
+        up, down = Found(model, kind, times + h), Found(model, kind, times - h)
+        for row, name in enumerate(("T", "r")):
+            difference = (getattr(up, name) - getattr(down, name)) / (2 * h[:, k])
+            scale = np.abs(difference) + 1e-3 * np.abs(forward[:, row]).max(axis=1)
+            assert (np.abs(forward[:, row, k] - difference) < 2e-5 * scale).all()
+
+
+# ---- options
+
+
+def test_only_the_orders_asked_for():
+    ends = equal_lag_ends("lam")
+    values = inside("lam", ends, 0.01)
+    found = Found(
+        Hudzovic, "lam", times_with_ratio("lam", values), derivatives=False, orders=(5, 3)
+    )
+    assert found.n[:4].tolist() == [3, 3, 5, 5]
+    reached = curves(Hudzovic, found.n[:4], found.r[:4])[:, 2]
+    assert np.allclose(reached, values[:4], rtol=1e-12, atol=0)
+    assert found.refused.tolist() == [False] * 4 + [True] * 3
+    assert (found._status[4:] == Status.beyond_last_order._value).all()  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_a_wider_tolerance():
+    ends = inside("tu_tg", equal_lag_ends("tu_tg"), -0.01)
+    times = times_with_ratio("tu_tg", ends)
+    found = Found(Hudzovic, "tu_tg", times, derivatives=False, tolerance=0.02)
+    assert found.all_are(Status.at_equal_lags) and (found.n == ORDERS).all()
+
+
+def formula_times(n, r):
+    """Sani's eqs. 2.17 and 2.18 at T = 1: t50 and t90 - t10."""
+    powers = r ** np.arange(n)
+    return np.log(2) - 1 + powers.sum(), 1.315 * np.sqrt(3.8 * (powers**2).sum() - 1)
+
+
+def formula_lam(n, r):
+    t50, rise = formula_times(n, r)
+    return rise / t50
+
+
+def test_interpolation_formulae():
+    values = np.linspace(0.93, 3.17, 100)
+    times = 1.9 * times_with_ratio("lam", values)
+    found = Found(Sani, "lam", times, formula=True)
+    assert found.all_are(Status.successful)
+    expected = []
+    for value in values:
+        n = next(n for n in ORDERS if formula_lam(n, 1.0) <= value)
+        r = optimize.brentq(lambda r: formula_lam(n, r) - value, 0, 1, xtol=1e-14, rtol=1e-14)  # noqa: B023
+        expected.append((n, r, 1.9 / formula_times(n, r)[0]))
+    n, r, T = np.array(expected).T
+    assert (found.n == n).all()
+    assert np.allclose(found.r, r, rtol=0, atol=1e-11)
+    assert np.allclose(found.T, T, rtol=1e-11, atol=0)
+    forward, reverse = found.derivatives
+    assert np.isfinite(forward).all() and np.allclose(forward, reverse, rtol=1e-9, atol=1e-12)
+
+
+def test_interpolation_formulae_at_their_ends():
+    values = [formula_lam(n, 1.0) for n in ORDERS]
+    found = Found(Sani, "lam", times_with_ratio("lam", values), formula=True)
+    assert found.all_are(Status.at_equal_lags) and (found.n == ORDERS).all()
+    first = Found(Sani, "lam", times_with_ratio("lam", formula_lam(2, 0.0)), formula=True)
+    assert first.all_are(Status.at_first_order) and (first.r == 0).all()
+    beyond = Found(Sani, "lam", times_with_ratio("lam", [0.9, 0.5]), formula=True)
+    assert beyond.all_are(Status.beyond_last_order) and beyond.refused.all()
+
+
+def test_lookups_published_as_examples():
+    """Murray 2016, figures 3-6: the plants whose curves are marked there (E35 of the notes)."""
+    t50 = 1 / 0.20077
+    for model, kind, times, n, r in (
+        (Hudzovic, "tu_tg", (0.16529, 1.0), 3, 0.4),
+        (Hudzovic, "lam", (0.1, t50, 0.1 + 1.76677 * t50), 3, 0.3479),
+        (Sani, "tu_tg", (0.31658, 1.0), 4, 0.9),
+        (Sani, "lam", (0.1, 1.0, 1.7026), 3, 0.8),
+    ):
+        found = Found(model, kind, [times])
+        assert found.n[0] == n
+        assert abs(found.r[0] - r) < 5e-4
+    found = Found(Sani, "lam", [(0.1, 1.0, 1.7062)], formula=True)
+    assert found.n[0] == 3 and abs(found.r[0] - 0.8) < 5e-4
+    assert abs(found.T[0] - 0.4688) < 1e-4
+
+
+def test_result_of_one_lookup():
+    found = lookup(Hudzovic, Tu=0.16529, Tg=1 / 0.10733)
+    model, status = found
+    assert isinstance(model, Hudzovic)
+    assert (found.model, found.status) == (model, status)
+    assert found.status == Status.successful
+    assert (model.gain, model.offset, model.delay) == (1, 0, 0)
+    assert abs(model.T - 1) < 1e-3 and abs(model.r - 0.4) < 1e-3 and model.n == 3
+    assert lookup(Hudzovic, Tu=0, Tg=1).status == Status.beyond_first_order
+
+
+@families
+@kinds
+def test_lookup_in_float32(model, kind):
+    values = sweep(kind, 60)
+    away = (np.abs(values[:, None] / equal_lag_ends(kind)[None] - 1) > 0.01).all(axis=1)
+    times = times_with_ratio(kind, values[away]) * 2.0
+    double = Found(model, kind, times)
+    single = Found(model, kind, times.astype(np.float32), derivatives=False)
+    assert single.T.dtype == single.r.dtype == np.float32
+    assert single.all_are(Status.successful) and (single.n == double.n).all()
+    assert np.allclose(single.r, double.r, rtol=0, atol=0.01)
+    table = curves(model, single.n, single.r.astype(float))
+    reached = table[:, 0] if kind == "tu_tg" else table[:, 2]
+    assert np.abs(reached - ratio(kind, times)).max() < 1e-4
+
+
+# ---- mistakes
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        {},
+        {"Tu": 1.0},
+        {"Tg": 1.0},
+        {"t10": 1.0, "t50": 2.0},
+        {"t50": 2.0, "t90": 3.0},
+        {"Tu": 1.0, "Tg": 5.0, "t50": 2.0},
+        {"Tu": 1.0, "t10": 1.0, "t50": 2.0, "t90": 3.0},
+    ],
+)
+def test_times_of_one_kind(times):
+    with pytest.raises(TypeError, match="either Tu and Tg, or t10, t50 and t90"):
+        lookup(Hudzovic, **times)
+
+
+@pytest.mark.parametrize("model", [PTn, "Hudzovic", Hudzovic(T=1.0, r=0.1, n=3)])
+def test_models_without_curves(model):
+    with pytest.raises(TypeError, match="Hudzovic and Sani"):
+        lookup(model, Tu=1.0, Tg=5.0)
+    with pytest.raises(TypeError, match="Hudzovic and Sani"):
+        lookup_curves(model, 3, 0.1)
+
+
+@pytest.mark.parametrize("orders", [(), (1, 2), (2, 9), (2.5,), range(0)])
+def test_orders_out_of_range(orders):
+    with pytest.raises(ValueError, match="orders must be whole numbers from 2 to 8"):
+        lookup(Hudzovic, Tu=1.0, Tg=5.0, orders=orders)
+
+
+def test_formulae_only_where_they_exist():
+    with pytest.raises(ValueError, match="formula=True is for Sani"):
+        lookup(Hudzovic, t10=1.0, t50=2.0, t90=4.0, formula=True)
+    with pytest.raises(ValueError, match="formula=True is for Sani"):
+        lookup(Sani, Tu=1.0, Tg=4.0, formula=True)
+
+
+def test_times_are_real_numbers():
+    with pytest.raises(TypeError, match="real number"):
+        lookup(Hudzovic, Tu=1j, Tg=5.0)  # pyright: ignore[reportArgumentType]

@@ -1,0 +1,223 @@
+"""Refinement against SciPy, finite differences, and its own promises."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+import pytest
+from scipy.optimize import least_squares
+
+import stepax
+from stepax import (
+    FOPDT,
+    SOPDT,
+    EqualLag,
+    Hudzovic,
+    PTn,
+    Sani,
+    Status,
+    StepRecord,
+    refine,
+    refused,
+)
+
+
+T = np.linspace(0.0, 60.0, 200)
+STEP_TIME, STEP_SIZE = 4.0, 3.0
+TRUE = {
+    "FOPDT": FOPDT(T=8.0, gain=-2.0, offset=5.0, delay=3.3),
+    "SOPDT": SOPDT(zeta=0.4, omega_n=0.5, gain=2.0, offset=5.0, delay=2.2),
+    "Hudzovic": Hudzovic(T=3.0, r=0.2, n=4, gain=2.0, offset=5.0, delay=2.0),
+    "Sani": Sani(T=8.0, r=0.6, n=3, gain=2.0, offset=5.0, delay=2.0),
+    "EqualLag": EqualLag(T=4.0, n=2.5, gain=2.0, offset=5.0, delay=1.0),
+    "PTn": PTn(lags=[8.0, 2.0], gain=2.0, offset=5.0, delay=2.0),
+}
+START = {
+    "FOPDT": FOPDT(T=5.0, delay=4.5),
+    "SOPDT": SOPDT(zeta=0.8, omega_n=0.3, delay=1.0),
+    "Hudzovic": Hudzovic(T=5.0, r=0.1, n=4, delay=1.0),
+    "Sani": Sani(T=6.0, r=0.8, n=3, delay=1.0),
+    "EqualLag": EqualLag(T=6.0, n=2.0, delay=0.5),
+    "PTn": PTn(lags=[6.0, 3.0], delay=1.0),
+}
+COMPILED = eqx.filter_jit(refine)
+
+
+def simulated(plant, noise=0.0, seed=0, dtype=np.float64, **levels):
+    clean = np.asarray(stepax._result.predict(plant, StepRecord(T, T, STEP_TIME, STEP_SIZE), T))
+    y = clean + noise * np.random.default_rng(seed).standard_normal(T.size)
+    return StepRecord(T.astype(dtype), y.astype(dtype), STEP_TIME, STEP_SIZE, **levels)
+
+
+def values(model, names):
+    return {name: np.asarray(getattr(model, name)) for name in names}
+
+
+@pytest.mark.parametrize("family", TRUE)
+def test_noise_free_record_gives_the_plant_back(family):
+    result = COMPILED(simulated(TRUE[family]), START[family])
+    assert bool(result.status == Status.successful), Status[result.status]
+    for name, value in values(result.model, result.std).items():
+        np.testing.assert_allclose(value, getattr(TRUE[family], name), rtol=1e-5, err_msg=name)
+
+
+@pytest.mark.parametrize("family", TRUE)
+def test_noisy_optimum_is_that_of_scipy(family):
+    record = simulated(TRUE[family], noise=0.1)
+    result = COMPILED(record, START[family])
+    names = [name for name in result.std if name != "lags"]
+    lags = family == "PTn"
+
+    @jax.jit
+    def residual(vector):
+        numbers = dict(zip(names, vector, strict=False))
+        if lags:
+            numbers["lags"] = vector[-2:]
+        model = type(result.model)(
+            **numbers,
+            **({"n": 4} if family == "Hudzovic" else {}),
+            **({"n": 3} if family == "Sani" else {}),
+        )
+        return record.y - stepax._result.predict(model, record, record.t)
+
+    start = [float(getattr(TRUE[family], name)) for name in names]
+    start += [float(x) for x in TRUE[family].lags] if lags else []
+    oracle = least_squares(residual, start, x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    cost = float(jnp.sum((record.y - result.predict(record.t)) ** 2))
+    assert cost <= 2 * oracle.cost * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("family", ["FOPDT", "Sani"])
+def test_float32_follows_the_data(family):
+    record = simulated(TRUE[family], noise=0.05, dtype=np.float32)
+    result = COMPILED(record, START[family])
+    assert result.rmse.dtype == result.model.T.dtype == jnp.float32
+    double = COMPILED(simulated(TRUE[family], noise=0.05), START[family])
+    np.testing.assert_allclose(result.rmse, double.rmse, rtol=1e-3)
+    np.testing.assert_allclose(result.model.gain, double.model.gain, rtol=1e-3)
+
+
+def test_fixed_parameters_and_known_levels_are_kept_exactly():
+    plant = TRUE["FOPDT"]
+    record = simulated(plant, noise=0.05)
+    result = COMPILED(record, FOPDT(T=5.0, gain=-1.9, delay=3.1), fixed=("gain", "delay"))
+    assert float(result.model.gain) == -1.9 and float(result.model.delay) == 3.1
+    assert result.free == ("T", "offset")
+    assert float(result.std["gain"]) == 0 == float(result.std["delay"])
+
+    known = COMPILED(simulated(plant, 0.05, initial=5.0, final=-1.0), START["FOPDT"])
+    assert float(known.model.offset) == 5.0 and float(known.model.gain) == -2.0
+    assert known.free == ("T", "delay")
+
+    tied = COMPILED(simulated(plant, 0.05, final=-1.0), START["FOPDT"])
+    assert float(tied.model.offset + STEP_SIZE * tied.model.gain) == pytest.approx(-1.0, abs=1e-12)
+    assert float(tied.std["offset"]) == pytest.approx(STEP_SIZE * float(tied.std["gain"]))
+
+    own = COMPILED(record, FOPDT(T=8.0), fixed=("T",))
+    assert float(own.model.T) == 8.0 and float(own.std["T"]) == 0
+
+
+def test_equal_lags_are_an_optimum_on_the_bound():
+    plant = Sani(T=4.0, r=1.0, n=3, gain=2.0, delay=2.0)
+    result = COMPILED(simulated(plant, noise=0.02, seed=3), START["Sani"])
+    for seed in range(8):  # about half of the draws end on the bound
+        if float(result.model.r) == 1.0:
+            break
+        result = COMPILED(simulated(plant, noise=0.02, seed=seed), START["Sani"])
+    assert float(result.model.r) == 1.0
+    assert bool(result.status == Status.at_equal_lags)
+    assert np.isnan(result.std["r"]) and np.isfinite(result.std["gain"])
+    assert int(result.details["steps"]) < 30
+
+
+def test_other_solvers_serve():
+    record = simulated(TRUE["FOPDT"], noise=0.05)
+    ours = COMPILED(record, START["FOPDT"])
+    other = refine(
+        record, START["FOPDT"], solver=optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9), max_steps=256
+    )
+    np.testing.assert_allclose(other.rmse, ours.rmse, rtol=1e-6)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("family", ["SOPDT", "Hudzovic", "Sani", "EqualLag", "FOPDT"])
+def test_gradient_through_the_fit(family):
+    """d(parameters)/d(data) by the implicit function theorem, both modes, against differences."""
+    record = simulated(TRUE[family], noise=0.05)
+    direction = np.random.default_rng(5).standard_normal(T.size)
+    name = {"SOPDT": "zeta", "Hudzovic": "r", "Sani": "r", "EqualLag": "n", "FOPDT": "T"}[family]
+
+    def parameters(y):
+        fitted = refine(eqx.tree_at(lambda r: r.y, record, y), START[family], errors=False)
+        return jnp.stack([getattr(fitted.model, name), fitted.model.gain, fitted.model.delay])
+
+    compiled = jax.jit(parameters)
+    forward = jax.jit(lambda y: jax.jvp(parameters, (y,), (direction,))[1])(record.y)
+    h = 1e-4
+    difference = (compiled(record.y + h * direction) - compiled(record.y - h * direction)) / (2 * h)
+    np.testing.assert_allclose(forward, difference, rtol=1e-4, atol=1e-6)
+    reverse = jax.jit(jax.grad(lambda y: parameters(y)[0]))(record.y)
+    np.testing.assert_allclose(reverse @ direction, forward[0], rtol=1e-8)
+
+
+def test_a_bad_lane_leaves_its_neighbours_alone():
+    record = simulated(TRUE["FOPDT"], noise=0.05)
+    bad = record.y.at[50].set(jnp.nan)
+    constant = jnp.zeros_like(bad)
+
+    def lag(y):
+        fitted = refine(eqx.tree_at(lambda r: r.y, record, y), START["FOPDT"], errors=False)
+        return fitted.model.T, fitted.status
+
+    batch = jnp.stack([bad, record.y, constant])
+    (lags, status) = jax.jit(jax.vmap(lag))(batch)
+    np.testing.assert_array_equal(refused(status), [True, False, True])
+    assert np.isnan(lags[0]) and np.isnan(lags[2])
+    alone, _ = jax.jit(lag)(record.y)
+    np.testing.assert_allclose(lags[1], alone, rtol=1e-9)
+    gradients = jax.jit(jax.vmap(jax.grad(lag, has_aux=True)))(batch)[0]
+    assert np.isfinite(gradients[1]).all()
+    assert np.abs(gradients[1]).max() > 0
+
+
+@pytest.mark.parametrize(
+    ("fixed", "error"), [(("zeta",), ValueError), ("gain", TypeError)], ids=["unknown", "string"]
+)
+def test_wrong_names_are_refused(fixed, error):
+    with pytest.raises(error, match="gain"):
+        refine(simulated(TRUE["FOPDT"]), START["FOPDT"], fixed=fixed)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("phi", [0.0, 0.8])
+def test_intervals_cover_the_truth(phi):
+    """95 % intervals over 2 000 records; interior, identifiable optimum."""
+    plant = PTn(lags=[8.0], gain=2.0, offset=5.0, delay=2.0)
+    clean = jnp.asarray(simulated(plant).y)
+    key = jax.random.key(7)
+
+    def noise(key):
+        white = jax.random.normal(key, T.shape) * jnp.sqrt(1 - phi**2)
+        white = white.at[0].divide(jnp.sqrt(1 - phi**2))
+        return jax.lax.scan(lambda e, w: (phi * e + w,) * 2, jnp.zeros(()), white)[1]
+
+    truth = {"T": 8.0, "gain": 2.0, "offset": 5.0, "delay": 2.0}
+
+    def covered(key):
+        record = StepRecord(T, clean + 0.05 * noise(key), STEP_TIME, STEP_SIZE)
+        result = refine(record, FOPDT(T=6.0, delay=1.0))
+        inside = {
+            name: jnp.abs(getattr(result.model, name) - value) <= 1.96 * result.std[name]
+            for name, value in truth.items()
+        }
+        return inside, refused(result.status)
+
+    inside, lost = jax.jit(lambda keys: jax.lax.map(covered, keys, batch_size=200))(
+        jax.random.split(key, 2000)
+    )
+    assert not np.any(lost)
+    for name, hits in inside.items():
+        share = float(np.mean(hits))
+        print(f"phi = {phi}: {name} covered {100 * share:.1f} %")
+        assert (0.93 <= share <= 0.97) if phi == 0 else share >= 0.88, name
