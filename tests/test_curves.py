@@ -11,7 +11,7 @@ import pytest
 from mpmath import mpf
 from scipy import optimize, special
 
-from stepax import PTn, Hudzovic, Sani, Status, lookup, lookup_curves
+from stepax import Hudzovic, PTn, Sani, Status, lookup, lookup_curves
 
 
 ORDERS = np.arange(2, 9)
