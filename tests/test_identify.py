@@ -43,7 +43,7 @@ def test_named_methods(record, name):
 
 def test_errors_count_rows_from_the_step_on():
     t = np.linspace(-20.0, 80.0, 101)
-    y = np.asarray(PLANT.step_response(t))
+    y = np.array(PLANT.step_response(t))
     y[:10] += 5.0
     result = identify(StepRecord(t, y, initial=1.0, final=3.0), "sani_t10_t50_t90")
     assert float(result.rmse) < 1e-4
@@ -84,7 +84,7 @@ def test_traced_and_unknown(record):
     with pytest.raises(ValueError, match="colour"):
         identify(record, "fopdt_fit", colour="red")
     with pytest.raises(ValueError, match="order"):
-        identify(record, "sani_fit", order=2.5)
+        identify(record, "sani_fit", order="many")
     with pytest.raises(TypeError, match="StepRecord"):
         identify([1, 2, 3], "fopdt_fit")  # pyright: ignore[reportArgumentType]
 

@@ -1,5 +1,6 @@
 """Characteristic times of a record: level crossings and the tangent at the inflection."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -50,8 +51,10 @@ def _relative(record: StepRecord, span: float | None) -> Samples:
 
 
 def crossing_times(
-    record: StepRecord, levels: Float[ArrayLike, " levels"], span: float | None = None
-) -> Float[Array, " levels"]:
+    record: StepRecord,
+    levels: Float[ArrayLike, "*shape"] | Sequence[float],
+    span: float | None = None,
+) -> Float[Array, "*shape"]:
     """Times from the step at which the response reaches `initial + q (final - initial)`.
 
     **Arguments:**
@@ -119,7 +122,7 @@ def tangent(record: StepRecord, span: float | None = None) -> Tangent:
     there is no rise.
     """
     initial, final = levels(record)
-    t, y = record.t - record.step_time, smoothed(record, span)
+    t, y = record.t - record.step_time, smoothed(record, span) - initial
     direction = jnp.where(final >= initial, 1, -1)
     count = y.shape[0]
     first_row = jnp.minimum(jnp.argmax(record.after_step), count - 5)
@@ -142,7 +145,7 @@ def tangent(record: StepRecord, span: float | None = None) -> Tangent:
         x = jnp.clip(x - move, jnp.maximum(t[row] - reach, t[starts[row]]), t[row] + reach)
     y_i, slope, _ = _quartic(t, y, starts[row], x)
     slope = jnp.where(direction * slope > 0, slope, jnp.nan)
-    return Tangent(x - (y_i - initial) / slope, (final - initial) / slope, x, y_i, slope)
+    return Tangent(x - y_i / slope, (final - initial) / slope, x, y_i + initial, slope)
 
 
 def _quartic(t: Samples, y: Samples, start: Array, x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
@@ -151,8 +154,8 @@ def _quartic(t: Samples, y: Samples, start: Array, x: Scalar) -> tuple[Scalar, S
     values = [y[start + k] for k in range(5)]
 
     def value(x):
-        weights = lagrange_weights(nodes, x)
-        return sum(w * v for w, v in zip(weights, values, strict=True))
+        weights = jnp.stack(lagrange_weights(nodes, x))
+        return weights @ jnp.stack(values)
 
     def slope(x):
         return jax.jvp(value, (x,), (jnp.ones_like(x),))[1]

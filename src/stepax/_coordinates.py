@@ -79,7 +79,9 @@ def _encode_chain(model) -> Array:
 
 
 def _decode_chain(x, model) -> dict[str, Array]:
-    chain = chain_with_spread(type(model), -(x[1] + _softening(x[1].dtype)), model.n)
+    chain: Hudzovic | Sani = chain_with_spread(
+        type(model), -(x[1] + _softening(x[1].dtype)), model.n
+    )
     equal_lags = 1.0 if isinstance(model, Sani) else 0.0
     at_end = x[1] <= 0
     # On the bound r is exactly at its end; derivatives are those a rounding error inside it.

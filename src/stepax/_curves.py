@@ -26,7 +26,7 @@ from jaxtyping import Array, ArrayLike, Float
 from scipy import special
 
 from ._contour import chain_derivatives
-from ._models import AbstractChain, Hudzovic, Sani, as_real, one_minus_multiple
+from ._models import Hudzovic, Sani, as_real, one_minus_multiple
 from ._responses import MAX_ORDER
 from ._result import Status, nan_where, refused
 from ._roots import increasing_root
@@ -34,6 +34,9 @@ from ._types import Count, Scalar
 
 
 DEFAULT_ORDERS = range(2, MAX_ORDER + 1)
+SpreadChain = Hudzovic | Sani
+"""Families with lookup curves: chains of order n with one shape parameter r."""
+
 FIRST_ORDER_LAM = math.log(9) / math.log(2)
 """(t90 - t10)/t50 of one lag."""
 
@@ -50,7 +53,7 @@ class Curves(NamedTuple):
 class Lookup(NamedTuple):
     """What `lookup` returns: the model (NaN parameters if refused) and its `Status`."""
 
-    model: AbstractChain
+    model: SpreadChain
     status: Status
 
 
@@ -60,7 +63,7 @@ class Lookup(NamedTuple):
 LEVELS = (0.1, 0.5, 0.9)
 
 
-def _response_and_slope(plant: AbstractChain, t: Array) -> tuple[Array, Array]:
+def _response_and_slope(plant: SpreadChain, t: Array) -> tuple[Array, Array]:
     """g and t dg/dt."""
     if isinstance(plant, Hudzovic):
         return jax.jvp(plant.unit_response, (t,), (t,))
@@ -68,7 +71,7 @@ def _response_and_slope(plant: AbstractChain, t: Array) -> tuple[Array, Array]:
     return g, slope
 
 
-def _level_times(plant: AbstractChain) -> Array:
+def _level_times(plant: SpreadChain) -> Array:
     """t10, t50, t90: roots of ln(g/(1-g)), which is nearly straight in ln t."""
     total = jnp.sum(plant.lags)
     levels = np.array(LEVELS)
@@ -84,7 +87,7 @@ def _level_times(plant: AbstractChain) -> Array:
     return jnp.exp(increasing_root(logit, start - 12, start + 4, start))
 
 
-def _tangent(plant: AbstractChain) -> tuple[Array, Array]:
+def _tangent(plant: SpreadChain) -> tuple[Array, Array]:
     """Tu/Tg and 1/Tg of the tangent at the inflection."""
     if isinstance(plant, Hudzovic):
         t, slope = _hudzovic_inflection(plant)
@@ -111,7 +114,7 @@ def _hudzovic_inflection(plant: Hudzovic) -> tuple[Array, Array]:
     return t * plant.T, jnp.exp(log_slope) / plant.T
 
 
-def _sani_inflection(plant: Sani) -> tuple[Array, Array]:
+def _sani_inflection(plant: SpreadChain) -> tuple[Array, Array]:
     """Largest slope: the response's density is log-concave, so h'/h falls through 0 once."""
     lower, upper = _inflection_bracket(plant)
     lags = plant.lags
@@ -131,7 +134,7 @@ def _inflection_equation(lags: Array, log_t: Array) -> tuple[Array, Array]:
     return -ratio, ratio * ratio - ratio - third / first
 
 
-def _inflection_bracket(plant: Sani) -> tuple[Array, Array]:
+def _inflection_bracket(plant: SpreadChain) -> tuple[Array, Array]:
     """Bounds of ln t: the mode of the first two lags (each further one delays it), the mean."""
     r = jnp.clip(plant.r, 1e-30, 1)
     apart = jnp.where(r < 0.999, r, 0.5)
@@ -139,13 +142,13 @@ def _inflection_bracket(plant: Sani) -> tuple[Array, Array]:
     return lower - 1e-3 + jnp.log(plant.T), jnp.log(jnp.sum(plant.lags))
 
 
-def _plant_curves(plant: AbstractChain) -> Curves:
+def _plant_curves(plant: SpreadChain) -> Curves:
     tu_tg, inv_tg = _tangent(plant)
     t10, t50, t90 = _level_times(plant)
     return Curves(tu_tg, inv_tg, (t90 - t10) / t50, 1 / t50)
 
 
-def lookup_curves(model: type[AbstractChain], n: ArrayLike, r: Float[ArrayLike, "..."]) -> Curves:
+def lookup_curves(model: type[SpreadChain], n: ArrayLike, r: Float[ArrayLike, "..."]) -> Curves:
     """Murray's lookup curves at T = 1 (eqs. 2.11-2.14).
 
     **Arguments:**
@@ -153,14 +156,18 @@ def lookup_curves(model: type[AbstractChain], n: ArrayLike, r: Float[ArrayLike, 
     - `model`: the class `Hudzovic` or `Sani`.
     - `n`: order, 2 to 8. `r`: shape parameter of that class. Scalars or arrays that broadcast.
 
-    **Returns:** `Curves` with `.tu_tg`, `.inv_tg`, `.lam`, `.inv_t50`; NaN for an r out of range.
-    Relative accuracy about 1e-12 in float64 (Sani's Tu/Tg loses digits like 1e-13/(Tu/Tg)).
+    **Returns:** `Curves` with `.tu_tg`, `.inv_tg`, `.lam`, `.inv_t50`; NaN for an n or r out of
+    range. Relative accuracy about 1e-12 in float64 (Sani's Tu/Tg loses digits like 1e-13/(Tu/Tg)).
     """
     _check_family(model)
     r = as_real(r)
 
     def one(n, r):
-        return _plant_curves(model(T=jnp.ones_like(r), r=r, n=n))
+        last = r <= 1 if model is Sani else one_minus_multiple(n - 1, r) > 0
+        valid = (n >= 2) & (n <= MAX_ORDER) & (r >= 0) & last
+        r = jnp.where(valid, r, 0)
+        n = jnp.where(valid, n, 2)
+        return nan_where(~valid, _plant_curves(model(T=jnp.ones_like(r), r=r, n=n)))
 
     return jnp.vectorize(one, signature="(),()->(),(),(),()")(jnp.asarray(n), r)
 
@@ -168,7 +175,7 @@ def lookup_curves(model: type[AbstractChain], n: ArrayLike, r: Float[ArrayLike, 
 # --- inverses --------------------------------------------------------------------------------
 
 
-def chain_with_spread(model: type[AbstractChain], log_c: Scalar, n: int | Count) -> AbstractChain:
+def chain_with_spread(model: type[SpreadChain], log_c: Scalar, n: int | Count) -> SpreadChain:
     """Chain whose lags sum to 1 at a spread coordinate c <= 1; its times are smooth in c too."""
     s = jnp.exp(log_c) / (1 + jnp.sqrt(-jnp.expm1(log_c))) ** 2
     r = s if model is Sani else (1 - s) / (n - 1)
@@ -224,7 +231,7 @@ class _Ratio(NamedTuple):
     slope of the times in log c: the inversion improves c and the times together.
     """
 
-    value: Callable[[AbstractChain], Array]
+    value: Callable[[SpreadChain], Array]
     newton: Callable[..., tuple[Array, Array, Array, Array]]
 
 
@@ -327,16 +334,16 @@ def _newton_tangent(model, n, log_c, log_t):
     return value, slope, jnp.full_like(log_t, x), jnp.zeros_like(log_t)
 
 
-def _lam(plant: AbstractChain) -> Array:
+def _lam(plant: SpreadChain) -> Array:
     t10, t50, t90 = _level_times(plant)
     return (t90 - t10) / t50
 
 
-def _tu_tg(plant: AbstractChain) -> Array:
+def _tu_tg(plant: SpreadChain) -> Array:
     return _tangent(plant)[0]
 
 
-def _formula_t50(plant: Sani) -> Array:
+def _formula_t50(plant: SpreadChain) -> Array:
     """Sani's eq. 2.17 over T, with a sum for the quotient (1 - r^n)/(1 - r)."""
     return math.log(2) - 1 + jnp.sum(plant.lags / plant.T)
 
@@ -348,7 +355,7 @@ def _newton_formula(model, n, log_c, log_t):
     return value, slope, log_t, jnp.zeros_like(log_t)
 
 
-def _formula_lam(plant: Sani) -> Array:
+def _formula_lam(plant: SpreadChain) -> Array:
     """Sani's eq. 2.19: eq. 2.18 over eq. 2.17."""
     lags = plant.lags / plant.T
     return 1.315 * jnp.sqrt(3.8 * jnp.sum(lags**2) - 1) / _formula_t50(plant)
@@ -388,7 +395,7 @@ def _solve(model, orders, tolerance, ratio, ends, value, time_at_unit, time, val
 
 
 def lookup(
-    model: type[AbstractChain],
+    model: type[SpreadChain],
     *,
     Tu: ArrayLike | None = None,
     Tg: ArrayLike | None = None,
@@ -430,6 +437,9 @@ def lookup(
         raise ValueError("formula=True is for Sani with t10, t50 and t90.")
 
     times = [as_real(x) for x in (by_tangent if all(given[0]) else by_levels)]
+    if any(x.ndim for x in times):
+        shapes = ", ".join(str(x.shape) for x in times)
+        raise ValueError(f"lookup takes single times, got shapes {shapes}; batch with jax.vmap.")
     dtype = jnp.result_type(*times)
     times = [x.astype(dtype) for x in times]
     tolerance = max(tolerance, 32 * float(jnp.finfo(dtype).eps))

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from ._certainty import aicc, with_errors
 from ._models import AbstractPlant
@@ -72,7 +73,7 @@ def _compiled(method, record: StepRecord, options: dict[str, Any]) -> Identifica
 
 
 def _refuse_tracers(record: StepRecord, what: str) -> None:
-    if any(isinstance(x, jax.core.Tracer) for x in jax.tree.leaves(record)):
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves(record)):
         raise TypeError(
             f"{what} chooses between model classes on the host and cannot be traced: name one"
             " method inside jit, vmap and grad."

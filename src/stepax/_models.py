@@ -6,12 +6,13 @@ a batch axis, and differentiated with `equinox.filter_grad`.
 
 import abc
 import operator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Complex, Float, Int, Shaped
 
 from ._contour import chain_response
@@ -26,10 +27,10 @@ from ._responses import (
 from ._types import Lags, Samples, Scalar
 
 
-def as_real(value):
+def as_real(value: Any) -> Array:
     """Real array of `value`; a Python number stays weakly typed and follows the data's dtype."""
     if value is None:  # so that a model can hold `in_axes`
-        return value
+        return value  # pyright: ignore[reportReturnType]
     if isinstance(value, int | np.integer) and not isinstance(value, bool):
         value = float(value)
     value = jnp.asarray(value)
@@ -40,7 +41,7 @@ def as_real(value):
     return value
 
 
-def _as_order(n):
+def _as_order(n: Any) -> Any:
     """Order of a chain: a Python int, which stays static, or an array of integers."""
     if isinstance(n, np.integer):
         n = operator.index(n)
@@ -53,16 +54,14 @@ def _as_order(n):
     return n
 
 
-def _as_real_order(n):
+def _as_real_order(n: Any) -> Any:
     """Order of equal lags: a Python int stays static; anything else is a real array."""
-    if isinstance(n, np.integer):
-        n = operator.index(n)
-    if isinstance(n, int) and not isinstance(n, bool):
+    if isinstance(n, int | np.integer):
         return _as_order(n)
-    if eqx.is_array(n) and jnp.issubdtype(n.dtype, jnp.integer):
+    if isinstance(n, jax.Array | np.ndarray) and jnp.issubdtype(n.dtype, jnp.integer):
         return n
     n = as_real(n)
-    if not isinstance(n, jax.core.Tracer) and not np.all(np.asarray(n) > 0):
+    if not isinstance(n, Tracer) and not np.all(np.asarray(n) > 0):
         raise ValueError(f"the order n of equal lags must be positive, got {n}.")
     return n
 
@@ -71,10 +70,6 @@ def _positions(n) -> tuple[int, Array]:
     """Length of `.lags` and which of its places an order `n` uses."""
     length = n if isinstance(n, int) else MAX_ORDER
     return length, jnp.arange(length) < n
-
-
-def _parameter(**kwargs):
-    return eqx.field(converter=as_real, **kwargs)
 
 
 class AbstractPlant(eqx.Module):
@@ -86,9 +81,9 @@ class AbstractPlant(eqx.Module):
     the offset out.
     """
 
-    gain: Float[ArrayLike, "..."] = _parameter(default=1.0, kw_only=True)
-    offset: Float[ArrayLike, "..."] = _parameter(default=0.0, kw_only=True)
-    delay: Float[ArrayLike, "..."] = _parameter(default=0.0, kw_only=True)
+    gain: Float[Array, "..."] = eqx.field(converter=as_real, default=1.0, kw_only=True)
+    offset: Float[Array, "..."] = eqx.field(converter=as_real, default=0.0, kw_only=True)
+    delay: Float[Array, "..."] = eqx.field(converter=as_real, default=0.0, kw_only=True)
 
     @abc.abstractmethod
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
@@ -192,8 +187,8 @@ class Hudzovic(AbstractChain):
     r has no effect for n = 1. r = 0 is equal lags.
     """
 
-    T: Float[ArrayLike, "..."] = _parameter()
-    r: Float[ArrayLike, "..."] = _parameter()
+    T: Float[Array, "..."] = eqx.field(converter=as_real)
+    r: Float[Array, "..."] = eqx.field(converter=as_real)
     n: int | Int[Array, "..."] = eqx.field(converter=_as_order)
 
     @property
@@ -218,8 +213,8 @@ class Sani(AbstractChain):
     gives NaN.
     """
 
-    T: Float[ArrayLike, "..."] = _parameter()
-    r: Float[ArrayLike, "..."] = _parameter()
+    T: Float[Array, "..."] = eqx.field(converter=as_real)
+    r: Float[Array, "..."] = eqx.field(converter=as_real)
     n: int | Int[Array, "..."] = eqx.field(converter=_as_order)
 
     def _relative_lags(self) -> Array:
@@ -249,17 +244,17 @@ class EqualLag(AbstractChain):
     8. A fractional n has no `.lags`, `.poles` or exports (`ValueError`).
     """
 
-    T: Float[ArrayLike, "..."] = _parameter()
+    T: Float[Array, "..."] = eqx.field(converter=as_real)
     n: int | Shaped[Array, "..."] = eqx.field(converter=_as_real_order)
 
     @property
     def _is_whole(self) -> bool:
         return isinstance(self.n, int) or jnp.issubdtype(self.n.dtype, jnp.integer)
 
-    def _whole_order(self):
-        if self._is_whole:
+    def _whole_order(self) -> Any:
+        if isinstance(self.n, int) or self._is_whole:
             return self.n
-        if isinstance(self.n, jax.core.Tracer) or self.n.ndim or float(self.n) % 1:
+        if isinstance(self.n, Tracer) or self.n.ndim or float(self.n) % 1:
             raise ValueError(
                 f"EqualLag with a fractional or traced order (n = {self.n}) is no chain of lags:"
                 " it has no lags, poles or exports. Use step_response, or round n."
@@ -290,7 +285,7 @@ class PTn(AbstractChain):
     0 is no lag; a negative one gives NaN.
     """
 
-    lags: Float[ArrayLike, "..."] = _parameter()  # pyright: ignore[reportIncompatibleMethodOverride, reportAssignmentType]
+    lags: Float[Array, "..."] = eqx.field(converter=as_real)  # pyright: ignore[reportIncompatibleMethodOverride, reportAssignmentType]
 
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), by contour quadrature."""
@@ -303,7 +298,7 @@ class FOPDT(AbstractChain):
     Source: A. Maxim, R. De Keyser, eq. of the FOPDT model.
     """
 
-    T: Float[ArrayLike, "..."] = _parameter()
+    T: Float[Array, "..."] = eqx.field(converter=as_real)
 
     @property
     def lags(self) -> Lags:
@@ -322,8 +317,8 @@ class SOPDT(AbstractPlant):
     natural frequency in radian per unit of time, > 0. Smooth through zeta = 1.
     """
 
-    zeta: Float[ArrayLike, "..."] = _parameter()
-    omega_n: Float[ArrayLike, "..."] = _parameter()
+    zeta: Float[Array, "..."] = eqx.field(converter=as_real)
+    omega_n: Float[Array, "..."] = eqx.field(converter=as_real)
 
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), in closed form."""

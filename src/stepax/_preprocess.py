@@ -4,13 +4,15 @@ import math
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from ._models import as_real
 from ._types import Samples, Scalar
 
 
-def smooth(t: Float[Array, " samples"], y: Float[Array, " samples"], span: float = 0.2) -> Samples:
+def smooth(
+    t: Float[ArrayLike, " samples"], y: Float[ArrayLike, " samples"], span: float = 0.2
+) -> Samples:
     r"""LOESS: local quadratic regression with tricube weights $(1 - |x|^3)^3$ (Cleveland 1979).
 
     The ceil(`span` N) samples nearest in time serve each point, scaled by the distance of the
@@ -27,7 +29,7 @@ def _loess(t: Samples, y: Samples, at: Samples, span: float) -> Samples:
     # In sorted times the nearest samples are contiguous; the window moves on when its first
     # sample is farther away than the one after its last.
     starts = jnp.searchsorted(t[:-count] + t[count:], 2 * at) if count < t.shape[0] else 0 * at
-    index = jnp.asarray(starts, int)[:, None] + jnp.arange(count)
+    index = jnp.asarray(starts, int)[:, None] + jnp.arange(count)[None, :]
     x = t[index] - at[:, None]
     reach = jnp.max(jnp.abs(x), axis=1, keepdims=True)
     x = x / jnp.where(reach > 0, reach, 1)
@@ -54,7 +56,7 @@ def _solve_spd(matrix: Array, right: Array) -> Array:
     return jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(matrix), True), right[..., None])[..., 0]
 
 
-def sliding_average(y: Float[Array, " samples"], width: int) -> Samples:
+def sliding_average(y: Float[ArrayLike, " samples"], width: int) -> Samples:
     """Centred moving average over 2 (width // 2) + 1 samples.
 
     At the ends the window shrinks to the samples that exist, so that the average stays centred on
@@ -73,8 +75,8 @@ def sliding_average(y: Float[Array, " samples"], width: int) -> Samples:
 
 
 def preprocess(
-    t: Float[Array, " samples"],
-    y: Float[Array, " samples"],
+    t: Float[ArrayLike, " samples"],
+    y: Float[ArrayLike, " samples"],
     smoother: str = "loess",
     equispaced: bool = True,
     span: float = 0.2,
@@ -121,7 +123,7 @@ def lagrange_weights(nodes: list[Array], x: Array) -> list[Array]:
     return weights
 
 
-def noise_level(t: Samples, y: Samples) -> Scalar:
+def noise_level(t: Float[ArrayLike, " samples"], y: Float[ArrayLike, " samples"]) -> Scalar:
     r"""Standard deviation of the noise, from what neighbours do not predict.
 
     Each sample is predicted by the cubic through its two neighbours on either side; the residual,
@@ -129,6 +131,7 @@ def noise_level(t: Samples, y: Samples) -> Scalar:
     Gasser, Sroka, Jennen-Steinmetz 1986, at order 3; uneven times are fine). Of a smooth
     noise-free record about $h^4 |y''''|/6$ remains. Coloured noise is underestimated.
     """
+    t, y = _pair(t, y)
     nodes = [t[:-4], t[1:-3], t[3:-1], t[4:]]
     values = [y[:-4], y[1:-3], y[3:-1], y[4:]]
     weights = lagrange_weights(nodes, t[2:-2])

@@ -86,12 +86,12 @@ class StepRecord(eqx.Module):
 
     def __init__(
         self,
-        t,
-        y,
-        step_time=0.0,
-        step_size=1.0,
-        initial=None,
-        final=None,
+        t: Any,
+        y: Any,
+        step_time: Any = 0.0,
+        step_size: Any = 1.0,
+        initial: Any = None,
+        final: Any = None,
         labels: Labels = Labels(),  # noqa: B008 (immutable)
         details: dict[str, Array] | None = None,
     ):

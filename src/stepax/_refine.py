@@ -210,8 +210,9 @@ class Fit(eqx.Module):
             full[i] = x[position] + shift[i]
         own = self.family.decode(full, self.model)
         own |= {k: getattr(self.model, k) for k in own if k in self.fixed}
-        if hasattr(self.model, "n") and "n" not in own:
-            own["n"] = self.model.n
+        order = getattr(self.model, "n", None)
+        if order is not None:
+            own.setdefault("n", order)
         delay = self.model.delay if "delay" in self.fixed else x[-1] * self.duration
         return type(self.model)(**own, delay=delay)
 

@@ -138,7 +138,8 @@ def warning_sentences(result: Identification, step: int | None = None) -> list[s
         amount = "" if lag is None else f" (autocorrelation {number(lag, 2)} from row to row)"
         sentences.append(
             f"The residuals are correlated{amount}: slow disturbances, or a model that misses part"
-            " of the response. The standard errors allow for the correlation."
+            " of the response. The standard errors allow for it as first-order noise; slower"
+            " disturbances still make them too small."
         )
     return list(dict.fromkeys(sentences))
 

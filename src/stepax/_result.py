@@ -1,6 +1,6 @@
 """What every method returns: a status, and an identified model with its quality."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -63,7 +63,7 @@ def status_name(status: Status) -> str:
     return list(Status._name_to_item)[int(status._value)]
 
 
-def nan_where(condition: Flag, tree):
+def nan_where(condition: Flag, tree: Any) -> Any:
     """`tree` with its real leaves NaN where `condition` holds."""
     return jax.tree.map(
         lambda x: jnp.where(condition, jnp.nan, x) if eqx.is_inexact_array(x) else x, tree
@@ -82,7 +82,7 @@ class Identification(eqx.Module):
     - `details`: further arrays by name.
     """
 
-    model: AbstractPlant
+    model: Any  # a plant, whose class depends on the method
     status: Status
     rmse: Scalar
     J: Scalar
@@ -133,15 +133,14 @@ def conclude(
         std = dict.fromkeys(parameter_names(model), jnp.full((), jnp.nan, residual.dtype))
     if covariance is None:
         covariance = jnp.full((len(free), len(free)), jnp.nan, residual.dtype)
-    std, covariance = nan_where(refused(status), (std, covariance))
     return Identification(
         model=model,
         status=status,
         rmse=safe_sqrt(jnp.sum(square) / count),
         J=jnp.sum(interval * (square[:-1] + square[1:]) / 2),
         fit_percent=100 * (1 - safe_sqrt(jnp.sum(square) / spread)),
-        std=std,
-        covariance=covariance,
+        std=nan_where(refused(status), std),
+        covariance=nan_where(refused(status), covariance),
         free=free,
         details={} if details is None else details,
         record=record,

@@ -1,5 +1,6 @@
 """Least squares with few parameters and bounds: a Levenberg-Marquardt solver for optimistix."""
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -43,7 +44,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
     rtol: float
     atol: float = 0.0
-    norm = staticmethod(optx.max_norm)
+    norm: Callable[..., Any] = optx.max_norm
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:
         """State before the first evaluation: the candidate is the start."""

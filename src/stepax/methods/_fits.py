@@ -112,7 +112,7 @@ def _chain_fit(model, record, order, orders, fixed, errors, options) -> Identifi
         details = result.details | {"aicc": result.details["aicc"] + 2}
         result = dataclasses.replace(result, record=record, details=details)
     elif isinstance(order, int | np.integer) and not isinstance(order, bool):
-        result = fit(jnp.asarray(check_orders([order])[0]))
+        result = fit(jnp.asarray(check_orders([int(order)])[0]))
     else:
         raise ValueError(f"order must be a whole number from 2 to 8 or 'auto', got {order!r}.")
     if not errors:

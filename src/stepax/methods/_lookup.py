@@ -7,13 +7,13 @@ import jax.numpy as jnp
 from jaxtyping import ArrayLike, Float
 
 from .._characterise import crossing_times, levels, tangent
-from .._curves import DEFAULT_ORDERS, LEVELS, lookup
-from .._models import AbstractChain, Hudzovic, Sani
+from .._curves import DEFAULT_ORDERS, LEVELS, SpreadChain, lookup
+from .._models import Hudzovic, Sani
 from .._record import StepRecord, usable_record
 from .._result import Identification, Status, conclude, first_problem
 
 
-def _by_tangent(model: type[AbstractChain], record, span, delay, orders, tolerance):
+def _by_tangent(model: type[SpreadChain], record, span, delay, orders, tolerance):
     problem, safe = usable_record(record)
     line = tangent(safe, span)
     found, status = lookup(
@@ -24,7 +24,7 @@ def _by_tangent(model: type[AbstractChain], record, span, delay, orders, toleran
     return _finish(record, safe, found, delay, first_problem(problem, missing, status), details)
 
 
-def _by_levels(model: type[AbstractChain], record, span, delay, orders, tolerance, formula=False):
+def _by_levels(model: type[SpreadChain], record, span, delay, orders, tolerance, formula=False):
     problem, safe = usable_record(record)
     t10, t50, t90 = crossing_times(safe, jnp.array(LEVELS), span)
     found, status = lookup(
