@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
@@ -50,6 +51,7 @@ def _relative(record: StepRecord, span: float | None) -> Samples:
     return jnp.where(record.after_step, y, 0)
 
 
+@eqx.filter_jit
 def crossing_times(
     record: StepRecord,
     levels: Float[ArrayLike, "*shape"] | Sequence[float],
@@ -113,6 +115,7 @@ def _interpolate(t: Samples, y: Samples, row: Array, level: Scalar) -> Scalar:
     return x
 
 
+@eqx.filter_jit
 def tangent(record: StepRecord, span: float | None = None) -> Tangent:
     """Tangent at the point of steepest rise towards the final level.
 

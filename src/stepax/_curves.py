@@ -19,6 +19,7 @@ import math
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -160,8 +161,11 @@ def lookup_curves(model: type[SpreadChain], n: ArrayLike, r: Float[ArrayLike, ".
     range. Relative accuracy about 1e-12 in float64 (Sani's Tu/Tg loses digits like 1e-13/(Tu/Tg)).
     """
     _check_family(model)
-    r = as_real(r)
+    return _lookup_curves(model, jnp.asarray(n), as_real(r))
 
+
+@eqx.filter_jit
+def _lookup_curves(model, n: Array, r: Array) -> Curves:
     def one(n, r):
         last = r <= 1 if model is Sani else one_minus_multiple(n - 1, r) > 0
         valid = (n >= 2) & (n <= MAX_ORDER) & (r >= 0) & last
@@ -169,7 +173,7 @@ def lookup_curves(model: type[SpreadChain], n: ArrayLike, r: Float[ArrayLike, ".
         n = jnp.where(valid, n, 2)
         return nan_where(~valid, _plant_curves(model(T=jnp.ones_like(r), r=r, n=n)))
 
-    return jnp.vectorize(one, signature="(),()->(),(),(),()")(jnp.asarray(n), r)
+    return Curves(*jnp.vectorize(one, signature="(),()->(),(),(),()")(n, r))
 
 
 # --- inverses --------------------------------------------------------------------------------
@@ -443,15 +447,21 @@ def lookup(
     dtype = jnp.result_type(*times)
     times = [x.astype(dtype) for x in times]
     tolerance = max(tolerance, 32 * float(jnp.finfo(dtype).eps))
+    return _lookup(model, times, orders, formula, tolerance)
+
+
+@eqx.filter_jit
+def _lookup(model, times: list[Array], orders: tuple[int, ...], formula: bool, tolerance: float):
+    """`lookup` for checked arguments: two times are Tu and Tg, three are t10, t50, t90."""
     finite = jnp.all(jnp.isfinite(jnp.stack(times)))
     tangent_ends, level_ends = _equal_lag_ends(orders)
-    if all(given[0]):
-        Tu_, Tg_ = times
-        valid = finite & (Tg_ > 0)
-        value = Tu_ / jnp.where(valid, Tg_, 1)
+    if len(times) == 2:
+        Tu, Tg = times
+        valid = finite & (Tg > 0)
+        value = Tu / jnp.where(valid, Tg, 1)
         return _solve(
             model, orders, tolerance, _TU_TG, _Ends(tangent_ends, 0.0), value,
-            lambda plant: 1 / _tangent(plant)[1], Tg_, valid,
+            lambda plant: 1 / _tangent(plant)[1], Tg, valid,
         )  # fmt: skip
     a, b, c = times
     valid = finite & (a > 0) & (b > a) & (c > b)

@@ -58,18 +58,13 @@ def _known(method: str):
 def _run(record: StepRecord, method, options) -> Identification:
     """Run a compiled method on the bare record, so that names of columns do not recompile it."""
     try:
-        result = _compiled(method, record.plain, options)
+        result = method(record.plain, **options)
     except TypeError as error:
         if "unexpected keyword argument" in str(error):
             option = str(error).split("'")[1]
             raise ValueError(f"Method {method.__name__!r} has no option {option!r}.") from None
         raise
     return dataclasses.replace(result, record=record, details=result.details | record.details)
-
-
-@eqx.filter_jit
-def _compiled(method, record: StepRecord, options: dict[str, Any]) -> Identification:
-    return method(record, **options)
 
 
 def _refuse_tracers(record: StepRecord, what: str) -> None:

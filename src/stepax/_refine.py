@@ -28,6 +28,7 @@ SETTLED = 0.95
 """Share of the change that a record must show for its gain not to count as extrapolated."""
 
 
+@eqx.filter_jit
 def refine(
     record: StepRecord,
     model: AbstractPlant,

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 
+import equinox as eqx
+
 from .._result import Identification
 from ._fits import fopdt_fit, hudzovic_fit, sani_fit, sopdt_fit
 from ._lookup import (
@@ -14,7 +16,7 @@ from ._lookup import (
 
 
 METHODS: dict[str, Callable[..., Identification]] = {
-    method.__name__: method
+    method.__name__: eqx.filter_jit(method)
     for method in (
         hudzovic_tu_tg,
         hudzovic_t10_t50_t90,
@@ -27,4 +29,4 @@ METHODS: dict[str, Callable[..., Identification]] = {
         sopdt_fit,
     )
 }
-"""Every method by its name."""
+"""Every method by its name, compiled; an option that is a Python number is static."""
