@@ -48,8 +48,10 @@ def response_and_derivatives(family, n):
 def evaluate(family, n, plants, times, dtype, compiled):
     """Parameters and times as rounded, response and derivatives by name: one row per plant.
 
-    For one use, running operation by operation is quicker than compiling.
+    For one use of the contour kernel, running operation by operation is quicker than compiling.
     """
+    if compiled is None:
+        compiled = family not in ("Sani", "PTn")
     padded = [*plants, *plants[:1] * (BATCH - len(plants))]
     parameters = {k: np.array([p[k] for p in padded], dtype) for k in plants[0]}
     t = np.array([*times, *times[:1] * (BATCH - len(plants))], dtype)
@@ -81,7 +83,7 @@ def derivative_errors(family, exact, t, slopes):
     return errors
 
 
-def worst_errors(family, n, plants, scales, dtype, fractions=FEW, compiled=False):
+def worst_errors(family, n, plants, scales, dtype, fractions=FEW, compiled=None):
     """Largest errors over plants, by name; `scales` are the plants' sums of lags."""
     times = [p["delay"] + s * np.sort(fractions) for p, s in zip(plants, scales, strict=True)]
     parameters, t, y, slopes = evaluate(family, n, plants, times, dtype, compiled)
@@ -163,7 +165,7 @@ by_dtype = pytest.mark.parametrize("dtype", DTYPES)
 
 
 @by_dtype
-@pytest.mark.parametrize("n", range(1, 9))
+@pytest.mark.parametrize("n", [1, 2, 3, 5, 8])
 def test_hudzovic(n, dtype):
     check("Hudzovic", n, *hudzovic(n, dtype), dtype)
 

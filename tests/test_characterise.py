@@ -1,6 +1,7 @@
 """Crossing times and tangents against closed forms, and the five lookup methods on records."""
 
 import functools
+import os
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +17,7 @@ from stepax import (
     Sani,
     Status,
     StepRecord,
+    _contour,
     crossing_times,
     tangent,
 )
@@ -26,6 +28,15 @@ LEVELS = np.array([0.1, 0.5, 0.9])
 PLANT = {"T": 2.0, "r": 0.2, "n": 4}
 END = 60.0  # 99.9 % of the plant and more
 LANES = 12
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_compilation():
+    """The poles in a loop, as on the command line: compiling is most of the time of these tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not os.environ.get("STEPAX_TEST_OPTIMISED"):
+            patch.setattr(_contour, "_looped", True)
+        yield
 
 
 @functools.cache
@@ -132,7 +143,8 @@ def test_noise_biases_crossings_less_than_the_first_crossing():
     first = np.stack([t[np.argmax(y >= q, axis=1)] for q in LEVELS], axis=1)
     expected = beta_quantiles(**PLANT)
     bias, bias_of_first = (np.mean(x, axis=0) - expected for x in (times, first))
-    assert (np.abs(bias) < 0.5 * np.abs(bias_of_first)).all()
+    assert np.abs(bias).max() < 0.25 * np.abs(bias_of_first).max()
+    assert (np.abs(bias)[1:] < 0.25 * np.abs(bias_of_first)[1:]).all()
 
 
 def test_smoothing_first_helps_with_noise():

@@ -1,6 +1,7 @@
 """Lookup curves against high precision, and their inverses against the curves."""
 
 import functools
+import os
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +12,7 @@ import pytest
 from mpmath import mpf
 from scipy import optimize, special
 
-from stepax import Hudzovic, PTn, Sani, Status, lookup, lookup_curves
+from stepax import Hudzovic, PTn, Sani, Status, _contour, lookup, lookup_curves
 
 
 ORDERS = np.arange(2, 9)
@@ -37,6 +38,15 @@ EQUAL_LAGS = np.array(
         (0.641733, 0.149003, 0.927704, 0.130391),
     ]
 )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_compilation():
+    """The poles in a loop, as on the command line: compiling is most of the time of these tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not os.environ.get("STEPAX_TEST_OPTIMISED"):
+            patch.setattr(_contour, "_looped", True)
+        yield
 
 
 def batched(function, *columns):
@@ -236,7 +246,7 @@ def test_curves_published_as_examples():
 
 @families
 def test_curves_of_an_r_out_of_range_are_nan(model):
-    wrong = {Hudzovic: (-1e-3, 1.0, 1.2, np.nan), Sani: (-1e-3, -1.0, 1.001, np.nan)}[model]
+    wrong = {Hudzovic: (-1e-3, 1.001, 1.2, np.nan), Sani: (-1e-3, -1.0, 1.001, np.nan)}[model]
     n, r = grid(model, (*wrong, 0.5))
     table = curves(model, n, r).reshape(len(ORDERS), -1, 4)
     assert np.isnan(table[:, :-1]).all() and np.isfinite(table[:, -1]).all()
@@ -456,7 +466,7 @@ def interior_times(model, kind):
     n, r = grid(model, np.linspace(0.15, 0.85, 8))
     times = times_of(kind, curves(model, n, r), 2.5)
     value, ends = ratio(kind, times)[:, None], equal_lag_ends(kind)[None]
-    return times[(np.abs(value / ends - 1) > 1e-3).all(axis=1)]
+    return times[(np.abs(value / ends - 1) > 1e-2).all(axis=1)]
 
 
 @families
@@ -618,10 +628,11 @@ def test_times_of_one_kind(times):
 
 
 def test_models_without_curves():
-    with pytest.raises(TypeError, match="Hudzovic and Sani"):
-        lookup(PTn, Tu=1.0, Tg=5.0)
-    with pytest.raises(TypeError, match="Hudzovic and Sani"):
-        lookup_curves(PTn, 3, 0.1)
+    """A sentence of our own, or of the type checker when that is on."""
+    with pytest.raises(TypeError, match="Hudzovic"):
+        lookup(PTn, Tu=1.0, Tg=5.0)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(TypeError, match="Hudzovic"):
+        lookup_curves(PTn, 3, 0.1)  # pyright: ignore[reportArgumentType]
 
 
 def test_a_batch_of_times_needs_vmap():

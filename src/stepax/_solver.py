@@ -34,7 +34,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     follows the gain ratio (Nielsen 1999). Parameters on a bound whose gradient points outwards
     leave the step; those that a step would carry across are put on the bound and the others solved
     again. It ends when the decrease of the cost that a full Gauss-Newton step promises is at most
-    `rtol` of the cost, or the cost is at most `atol`. The result is the best point seen.
+    `rtol` of the cost, or the cost is at most `atol`, or only short steps lower it, and hardly: a
+    minimum at a kink, such as a dead time on a sample. The result is the best point seen.
 
     Parameters are a tuple of numbers, or a row of them. With a tuple, the derivative in one does
     not compute what depends on the others alone. Bounds come in `options`: `dict(lower=...,
@@ -95,7 +96,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         eps = jnp.finfo(y.dtype).eps
         stalled = (damping > 1 / eps) | (jnp.max(jnp.abs(move)) <= eps * jnp.max(jnp.abs(y)))
         good = (decrease <= self.rtol * cost) | (cost <= self.atol)
-        nearly = decrease <= jnp.sqrt(self.rtol) * cost
+        stalled = stalled | ((damping > 1) & (predicted <= self.rtol**0.75 * cost))
         finite = jnp.isfinite(cost)
         new_state = _State(
             candidate=candidate,
@@ -105,8 +106,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             matrix=matrix,
             damping=damping,
             growth=growth,
-            converged=finite & (good | (stalled & nearly)),
-            failed=~finite | (stalled & ~nearly),
+            converged=finite & (good | stalled),
+            failed=~finite,
         )
         return _similar(y, like), new_state, aux
 
