@@ -509,7 +509,7 @@ def test_reverse_derivatives(model, kind):
 def test_only_the_orders_asked_for():
     ends = equal_lag_ends("lam")
     values = inside("lam", ends, 0.01)
-    found = Found(Hudzovic, "lam", times_with_ratio("lam", values), derivative=None, orders=(5, 3))
+    found = Found(Hudzovic, "lam", times_with_ratio("lam", values), derivative="", orders=(5, 3))
     assert found.n[:4].tolist() == [3, 3, 5, 5]
     reached = curves(Hudzovic, found.n[:4], found.r[:4])[:, 2]
     assert np.allclose(reached, values[:4], rtol=1e-12, atol=0)
@@ -520,7 +520,7 @@ def test_only_the_orders_asked_for():
 def test_a_wider_tolerance():
     ends = inside("tu_tg", equal_lag_ends("tu_tg"), -0.01)
     times = times_with_ratio("tu_tg", ends)
-    found = Found(Hudzovic, "tu_tg", times, derivative=None, tolerance=0.02)
+    found = Found(Hudzovic, "tu_tg", times, derivative="", tolerance=0.02)
     assert found.all_are(Status.at_equal_lags) and (found.n == ORDERS).all()
 
 
@@ -591,14 +591,21 @@ def test_result_of_one_lookup():
     assert abs(model.T - 1) < 1e-3 and abs(model.r - 0.4) < 1e-3 and model.n == 3
 
 
-@families
-@kinds
+@pytest.mark.parametrize(
+    ("model", "kind"),
+    [
+        (Hudzovic, "tu_tg"),
+        (Sani, "lam"),
+        pytest.param(Hudzovic, "lam", marks=pytest.mark.long),
+        pytest.param(Sani, "tu_tg", marks=pytest.mark.long),
+    ],
+)
 def test_lookup_in_float32(model, kind):
     values = sweep(kind, 60)
     away = (np.abs(values[:, None] / equal_lag_ends(kind)[None] - 1) > 0.01).all(axis=1)
     times = times_with_ratio(kind, values[away]) * 2.0
     double = Found(model, kind, times)
-    single = Found(model, kind, times.astype(np.float32), derivative=None)
+    single = Found(model, kind, times.astype(np.float32), derivative="")
     assert single.T.dtype == single.r.dtype == np.float32
     assert single.all_are(Status.successful) and (single.n == double.n).all()
     assert np.allclose(single.r, double.r, rtol=0, atol=0.01)

@@ -141,15 +141,18 @@ def test_other_solvers_serve():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("family", ["SOPDT", "Hudzovic", "Sani", "EqualLag", "FOPDT"])
+@pytest.mark.parametrize("family", ["SOPDT", "Hudzovic"])
 def test_gradient_through_the_fit(family):
     """d(parameters)/d(data) by the implicit function theorem, both modes, against differences."""
     record = simulated(TRUE[family], noise=0.05)
     direction = np.random.default_rng(5).standard_normal(T.size)
-    name = {"SOPDT": "zeta", "Hudzovic": "r", "Sani": "r", "EqualLag": "n", "FOPDT": "T"}[family]
+    name = {"SOPDT": "zeta", "Hudzovic": "r"}[family]
+    solver = stepax.BoundedLevenbergMarquardt(rtol=1e-18)  # differences need an exact optimum
 
     def parameters(y):
-        fitted = refine(eqx.tree_at(lambda r: r.y, record, y), START[family], errors=False)
+        fitted = refine(
+            eqx.tree_at(lambda r: r.y, record, y), START[family], errors=False, solver=solver
+        )
         return jnp.stack([getattr(fitted.model, name), fitted.model.gain, fitted.model.delay])
 
     compiled = jax.jit(parameters)
