@@ -121,7 +121,8 @@ def test_crossings_of_an_oscillation_are_the_first():
     y = np.array([g(t), 5 - 2 * response(SOPDT(zeta=zeta, omega_n=omega_n), t)])
     lanes = np.array([t, t]), y, np.zeros(2), np.array([0.0, 5.0]), np.array([1.0, 3.0])
     expected = [optimize.brentq(lambda t: g(t) - q, 0, np.pi / damped, xtol=1e-13) for q in LEVELS]  # noqa: B023
-    assert np.allclose(compiled_crossings()(*lanes), np.tile(expected, (2, 1)), rtol=1e-7, atol=0)
+    times = compiled_crossings()(*lanes)
+    assert np.allclose(times, np.array([expected, expected]), rtol=1e-7, atol=0)
 
 
 def test_levels_never_crossed():
@@ -291,7 +292,7 @@ def own_records(family):
         ):
             plant = family(T=2.0, r=r, n=n, **levels)
             plants.append(plant)
-            rows.append(record_of(plant, 45.0, **options))
+            rows.append(record_of(plant, 45.0, **options))  # pyright: ignore[reportArgumentType]
     return plants, rows
 
 
@@ -308,7 +309,7 @@ def test_methods_recover_plants_of_their_family(name):
     if name == "sani_interpolation":
         check_formulae(result)
         return
-    assert result.model.n.tolist() == [p.n for p in plants]
+    assert np.asarray(result.model.n).tolist() == [p.n for p in plants]
     # The kink of a dead time lies inside the record: the samples around it cost the tangent's
     # method nothing, for the inflection comes later.
     assert np.allclose(result.model.T, 2.0, rtol=1e-6, atol=0)

@@ -113,7 +113,7 @@ class Found:
         return np.isnan(self.T)
 
 
-def times_of(kind, table, T=1.0):
+def times_of(kind, table, T: float | np.ndarray = 1.0):
     """Times of plants from their four curves; t10 is any, lam alone counts."""
     tu_tg, inv_tg, lam, inv_t50 = table.T
     if kind == "tu_tg":
@@ -543,7 +543,7 @@ def test_interpolation_formulae():
     expected = []
     for value in values:
         n = next(n for n in ORDERS if formula_lam(n, 1.0) <= value)
-        r = optimize.brentq(lambda r: formula_lam(n, r) - value, 0, 1, xtol=1e-14, rtol=1e-14)  # noqa: B023
+        r = optimize.brentq(lambda r: formula_lam(n, r) - value, 0, 1, xtol=1e-14)  # noqa: B023
         expected.append((n, r, 1.9 / formula_times(n, r)[0]))
     n, r, T = np.array(expected).T
     assert (found.n == n).all()
