@@ -260,9 +260,9 @@ def test_second_derivative_in_a_real_order():
 
 
 @pytest.mark.long
-@families
+@pytest.mark.parametrize("name", ["Hudzovic", "EqualLag", "FOPDT", "SOPDT"])
 def test_second_derivatives_are_finite(name):
-    """With respect to all parameters and time: before, at and after the delay."""
+    """With respect to all parameters and time; those of the contour kernel in test_contour.py."""
     own = {k: v for k, v in (OWN[name] | LEVELS).items() if not isinstance(v, int)}
     static = {k: v for k, v in OWN[name].items() if isinstance(v, int)}
 

@@ -45,9 +45,12 @@ def _as_order(n: Any) -> Any:
     """Order of a chain: a Python int, which stays static, or an array of integers."""
     if isinstance(n, np.integer):
         n = operator.index(n)
-    if isinstance(n, bool | float | str) or (
-        eqx.is_array_like(n) and not jnp.issubdtype(jnp.result_type(n), jnp.integer)
-    ):
+    if n is None:  # so that a model can hold `in_axes`
+        return n
+    whole = isinstance(n, int) and not isinstance(n, bool)
+    if isinstance(n, jax.Array | np.ndarray):
+        whole = jnp.issubdtype(n.dtype, jnp.integer)
+    if not whole:
         raise TypeError(f"the order n of a chain must be a whole number, got {n!r}.")
     if isinstance(n, int) and n < 1:
         raise ValueError(f"the order n of a chain must be at least 1, got {n}.")
@@ -70,6 +73,11 @@ def _positions(n) -> tuple[int, Array]:
     """Length of `.lags` and which of its places an order `n` uses."""
     length = n if isinstance(n, int) else MAX_ORDER
     return length, jnp.arange(length) < n
+
+
+def _in_range(n) -> Any:
+    """Whether an order can be evaluated: any Python int, an array from 1 to `MAX_ORDER`."""
+    return True if isinstance(n, int) else (n >= 1) & (n <= MAX_ORDER)
 
 
 class AbstractPlant(eqx.Module):
@@ -201,7 +209,8 @@ class Hudzovic(AbstractChain):
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), by the closed form for equally spaced rates."""
         slowest = one_minus_multiple(self.n - 1, self.r)
-        slowest = jnp.where((slowest > 0) & (self.r >= 0), slowest, jnp.nan)
+        valid = (slowest > 0) & (self.r >= 0) & _in_range(self.n)
+        slowest = jnp.where(valid, slowest, jnp.nan)
         return equal_spacing_response(t, slowest / self.T, self.r / self.T, self.n)
 
 
@@ -219,12 +228,12 @@ class Sani(AbstractChain):
 
     def _relative_lags(self) -> Array:
         length, used = _positions(self.n)
-        power = jnp.where(self.r >= 0, 1.0, jnp.nan).astype(self.r.dtype)
+        power = jnp.where(self.r >= 0, jnp.ones_like(self.r), jnp.nan)
         powers = [power]
         for _ in range(length - 1):
             power = power * self.r
             powers.append(power)
-        return jnp.where(used, jnp.stack(powers), 0)
+        return jnp.where(_in_range(self.n), jnp.where(used, jnp.stack(powers), 0), jnp.nan)
 
     @property
     def lags(self) -> Lags:
@@ -271,7 +280,8 @@ class EqualLag(AbstractChain):
         """g(t), by the closed form."""
         if not self._is_whole:
             return equal_lag_response(t, self.T, self.n)
-        return equal_spacing_response(t, 1 / self.T, jnp.zeros_like(self.T), self.n)
+        rate = jnp.where(_in_range(self.n), 1 / self.T, jnp.nan)
+        return equal_spacing_response(t, rate, jnp.zeros_like(self.T), self.n)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s), also for a fractional n."""
