@@ -19,9 +19,9 @@ from stepax._result import conclude, refused
 
 
 @pytest.fixture(autouse=True)
-def no_cache(monkeypatch):
-    """Compiled code of tests is not kept."""
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", "elsewhere")
+def own_cache(monkeypatch, tmp_path):
+    """Compiled code of tests goes to their own folder."""
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr("stepax._contour._looped", False)  # set by the command line
 
 
