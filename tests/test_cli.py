@@ -16,12 +16,13 @@ from stepax import FOPDT, Status
 from stepax._cli import EXAMPLES, model_class, run, set_up_jax
 from stepax._curves import Lookup
 from stepax._result import conclude, refused
+from stepax.methods import METHODS
 
 
 @pytest.fixture(autouse=True)
-def own_cache(monkeypatch, tmp_path):
-    """Compiled code of tests goes to their own folder."""
-    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "cache"))
+def own_cache(monkeypatch, tmp_path_factory):
+    """Compiled code of tests goes to a folder of its own."""
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
     monkeypatch.setattr("stepax._contour._looped", False)  # set by the command line
 
 
@@ -31,7 +32,7 @@ def front(monkeypatch):
     calls = SimpleNamespace(status=Status.successful, methods=[])
 
     def identify(record, method="auto", **options):
-        if method not in ("auto", "fopdt_fit"):
+        if method not in ("auto", *METHODS):
             raise KeyError(f"There is no method {method!r}; the known ones are: auto, fopdt_fit.")
         calls.methods.append(method)
         model = FOPDT(T=60.0, gain=0.8, offset=22.0, delay=15.0)
@@ -56,7 +57,10 @@ def front(monkeypatch):
 
     module = ModuleType("stepax._identify")
     module.__dict__.update(
-        identify=identify, compare=compare, chosen_method=lambda result: "fopdt_fit"
+        AUTO=("fopdt_fit",),
+        identify=identify,
+        compare=compare,
+        chosen_method=lambda result: "fopdt_fit",
     )
     monkeypatch.setitem(sys.modules, "stepax._identify", module)
     return calls

@@ -10,7 +10,7 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -195,6 +195,16 @@ def _heading(record: "StepRecord", example: str | None) -> str:
     return f"{line}\n{SIMULATED}" if example else line
 
 
+def _compile_side_by_side(record: "StepRecord", names: Iterable[str], **options: Any) -> None:
+    """Run methods once in threads of their own: compiling, most of a cold start, uses all cores."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    from ._identify import identify
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(lambda name: identify(record, name, **options), names))
+
+
 # Commands
 
 
@@ -211,7 +221,7 @@ def identify(
     example: Example = None,
 ) -> None:
     """Identify a transfer function from a recorded step response."""
-    from ._identify import chosen_method
+    from ._identify import AUTO, chosen_method
     from ._identify import identify as identify_record
     from ._report import report, to_json
     from ._result import Status, refused
@@ -220,6 +230,8 @@ def identify(
     outputs.check(file)
     record = _read(file, example, time=time, output=output, input=input, step=step)
     with waiting(f"Identifying {record.labels.source} ..."):
+        if method == "auto":
+            _compile_side_by_side(record, AUTO, errors=False)
         result = identify_record(record, method)
         if bool(refused(result.status)):
             raise ValueError(f"{record.labels.source}: {Status[result.status]}")
@@ -244,11 +256,13 @@ def compare(
     from ._identify import compare as compare_methods
     from ._plot import plot_comparison
     from ._report import comparison_report, has_model, to_json, warning_sentences
+    from .methods import METHODS
 
     outputs = Outputs(plot, json)
     outputs.check(file)
     record = _read(file, example, time=time, output=output, input=input, step=step)
     with waiting(f"Comparing methods on {record.labels.source} ..."):
+        _compile_side_by_side(record, METHODS)
         comparison = compare_methods(record)
         kept = [row for row in comparison.rows if has_model(row)]
         if not kept:
