@@ -1,29 +1,52 @@
 r"""How certain a least-squares fit is: covariance, autocorrelation, information criterion."""
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from ._fit import final_level_ties
+from ._models import Hudzovic, Sani
 from ._preprocess import quantisation
-from ._result import Identification, nan_where, parameter_names, predict, refused
+from ._result import (
+    Identification,
+    Status,
+    first_problem,
+    nan_where,
+    parameter_names,
+    predict,
+    refused,
+    safe_sqrt,
+)
 from ._solver import columns
-from ._types import Scalar
+from ._types import Samples, Scalar
 
 
-def aicc(square: Scalar, count: int, parameters: int) -> Scalar:
+HUBER = 1.345
+"""Threshold of Huber's loss over the noise level: 95 % efficient for Gaussian noise."""
+
+
+def aicc(square: Scalar, count: Array | int, parameters: int) -> Scalar:
     """Information criterion N ln(RSS/N) + 2 k N/(N - k - 1) (Hurvich and Tsai 1989)."""
     tiny = jnp.finfo(square.dtype).tiny
-    penalty = 2 * parameters * count / max(count - parameters - 1, 1)
+    penalty = 2 * parameters * count / jnp.maximum(count - parameters - 1, 1)
     return count * jnp.log(jnp.maximum(square, tiny) / count) + penalty
 
 
-def with_errors(result: Identification, tied: bool = False) -> Identification:
+def with_errors(
+    result: Identification,
+    fixed: Sequence[str] = (),
+    weights: Samples | None = None,
+    loss: str = "squares",
+) -> Identification:
     r"""A fit with its standard errors and covariance.
 
-    With $J$ the Jacobian of the prediction in the free parameters and $A = J^\top J$,
+    With $J$ the Jacobian of the prediction in the free parameters and $A = J^\top J$ (rows times
+    $\sqrt{w_i}$),
 
     $$ \mathrm{cov} = \sigma^2 A^{-1} (J^\top R J) A^{-1}, \qquad
        \sigma^2 = \frac{\sum r_i^2}{N - \mathrm{tr}(A^{-1} J^\top R J)}, $$
@@ -31,18 +54,32 @@ def with_errors(result: Identification, tied: bool = False) -> Identification:
     $R_{ij} = \varphi^{|i-j|}$ (Seber and Wild 1989, section 6.2): for white residuals
     ($\varphi = 0$) the usual formula. $\varphi$ is the lag-1 autocorrelation of the residuals with
     the first-order bias correction $(1 + (p + 3)\hat\varphi)/N$ (after Kendall 1954), and 0
-    unless it exceeds $2/\sqrt N$. A parameter on a bound has NaN, the others hold with it fixed.
+    unless it exceeds $2/\sqrt N$. With Huber's loss $r_i$ is $\psi(r_i)$ over the share of
+    residuals within the threshold (Huber 1981, section 7.6). A parameter on a bound has NaN, the
+    others hold with it fixed.
 
-    `result` names its free parameters and has `details["at_bound"]`; `tied` says that the offset
-    follows from the gain and a known final level.
+    **Verdict.** `details["identifiable"]`, in the order of `.free`, is false for an own parameter
+    on a bound, for one without an effect of its own, for one that is positive by nature, or the
+    gain, whose 95 % interval reaches 0, and for r if it covers half of its range or more. Unless
+    it is the bound alone, the status is `not_identifiable`.
+
+    `result` names its free parameters and has `details["at_bound"]`; the options are those it was
+    refined with.
     """
     record, model, free = result.record, result.model, result.free
+    tied = final_level_ties(record, fixed)
     names = list(dict.fromkeys(name.split("[")[0] for name in free))
     values = [jnp.atleast_1d(jnp.asarray(getattr(model, name), record.y.dtype)) for name in names]
     sizes = [value.size for value in values]
     at_bound = result.details["at_bound"]
-    residual = record.y - result.predict(record.t)
-    count, square = residual.size, jnp.sum(residual**2)
+    root = (
+        jnp.ones_like(record.y) if weights is None else safe_sqrt(weights * jnp.ones_like(record.y))
+    )
+    residual = root * (record.y - result.predict(record.t))
+    if loss == "huber":
+        threshold = HUBER * result.details["noise_level"]
+        within = jnp.sum((jnp.abs(residual) <= threshold) & (root > 0)) / jnp.sum(root > 0)
+        residual = jnp.clip(residual, -threshold, threshold) / within
     phi = _autocorrelation(residual, len(free))
     quantum = quantisation(record.y)
     details = result.details | {
@@ -50,6 +87,7 @@ def with_errors(result: Identification, tied: bool = False) -> Identification:
         "residuals_correlated": jnp.abs(phi) > 0,
         "quantisation": quantum,
         "quantised": quantum > 0,
+        "identifiable": jnp.ones(0, bool),
     }
     if not free:
         std = _by_name(result, (), [], residual[:0], tied)
@@ -65,10 +103,10 @@ def with_errors(result: Identification, tied: bool = False) -> Identification:
         if tied:
             offset = record.final - record.step_size * plant.gain
             plant = eqx.tree_at(lambda m: m.offset, plant, offset)
-        return predict(plant, record, record.t)
+        return root * predict(plant, record, record.t)
 
-    jacobian = columns(prediction, jnp.concatenate(values))
-    jacobian = jnp.where(at_bound[:, None], 0, jacobian)
+    row = jnp.concatenate(values)
+    jacobian = jnp.where(_frozen(free, row, at_bound)[:, None], 0, columns(prediction, row))
     size = jnp.sqrt(jnp.sum(jacobian**2, axis=1))
     size = jnp.where(size > 0, size, 1)
     q, r = jnp.linalg.qr((jacobian / size[:, None]).T)
@@ -79,18 +117,44 @@ def with_errors(result: Identification, tied: bool = False) -> Identification:
     q = jnp.where(lost[None, :], 0, q)
     coloured = q.T @ _correlate(q, phi)
     effective = jnp.trace(coloured)
-    variance = square / jnp.maximum(count - effective, 1)
+    variance = jnp.sum(residual**2) / jnp.maximum(jnp.sum(root > 0) - effective, 1)
     covariance = variance * inverse @ coloured @ inverse.T / size[:, None] / size[None, :]
     unknown = at_bound | lost
     covariance = jnp.where(unknown[:, None] | unknown[None, :], jnp.nan, covariance)
     covariance = nan_where(refused(result.status), covariance)
     errors = jnp.sqrt(jnp.diagonal(covariance))
+    vague = ~at_bound & (lost | _vague(result, free, row, errors))
+    verdict = Status.where(jnp.any(vague), Status.not_identifiable, Status.successful)
+    bounded = at_bound & jnp.array([name not in ("delay", "gain", "offset") for name in free])
+    details["identifiable"] = ~vague & ~bounded
     return dataclasses.replace(
         result,
+        status=first_problem(verdict, result.status),
         std=_by_name(result, names, sizes, errors, tied),
         covariance=covariance,
         details=details | {"effective_parameters": effective},
     )
+
+
+def _frozen(free: tuple[str, ...], row: Array, at_bound: Array) -> Array:
+    """Parameters to hold while the others vary: those on a bound, of equal lags all but one."""
+    lag = jnp.array([name.startswith("lags") for name in free])
+    follows = jnp.append(False, lag[1:] & lag[:-1] & (row[1:] == row[:-1]))
+    leads = jnp.append(follows[1:], False) & ~follows
+    return at_bound & ~leads
+
+
+def _vague(result, free: tuple[str, ...], row: Array, errors: Array) -> Array:
+    """Parameters whose 95 % interval says next to nothing."""
+    span: dict[str, Any] = {"delay": jnp.inf, "offset": jnp.inf}
+    if isinstance(result.model, Hudzovic | Sani):
+        steps = 1 if isinstance(result.model, Sani) else jnp.maximum(result.model.n - 1, 1)
+        span["r"] = 0.5 / steps
+    limits = [
+        jnp.asarray(span.get(name, jnp.abs(value)), row.dtype)
+        for name, value in zip(free, row, strict=True)
+    ]
+    return ~(1.96 * errors < jnp.stack(limits)) & ~refused(result.status)
 
 
 def _by_name(result, names, sizes, errors, tied) -> dict[str, Array]:

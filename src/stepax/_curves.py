@@ -181,8 +181,12 @@ def _lookup_curves(model, n: Array, r: Array) -> Curves:
 
 def chain_with_spread(model: type[SpreadChain], log_c: Scalar, n: int | Count) -> SpreadChain:
     """Chain whose lags sum to 1 at a spread coordinate c <= 1; its times are smooth in c too."""
-    s = jnp.exp(log_c) / (1 + jnp.sqrt(-jnp.expm1(log_c))) ** 2
-    r = s if model is Sani else (1 - s) / (n - 1)
+    return chain_of_ratio(model, jnp.exp(log_c) / (1 + jnp.sqrt(-jnp.expm1(log_c))) ** 2, n)
+
+
+def chain_of_ratio(model: type[SpreadChain], s: Scalar, n: int | Count) -> SpreadChain:
+    """Chain whose lags sum to 1 at a ratio 0 < s <= 1 of its slowest to its fastest rate."""
+    r = s if model is Sani else (1 - s) / jnp.maximum(n - 1, 1)
     return model(T=1 / jnp.sum(model(T=jnp.ones_like(s), r=r, n=n).lags), r=r, n=n)
 
 

@@ -81,11 +81,8 @@ def _identify_auto(record: StepRecord, options: dict[str, Any]) -> Identificatio
     chosen = int(np.argmin(scores))
     result = dataclasses.replace(results[chosen], record=record.plain)
     if options.get("errors", True):
-        fixed = set(options.get("fixed", ()))
-        tied = (
-            record.final is not None and record.initial is None and not fixed & {"gain", "offset"}
-        )
-        result = eqx.filter_jit(with_errors)(result, tied=tied)
+        known = {name: options[name] for name in ("fixed", "weights", "loss") if name in options}
+        result = eqx.filter_jit(with_errors)(result, **known)
     details = {f"aicc_{name}": jnp.asarray(score) for name, score in zip(AUTO, scores, strict=True)}
     details["chosen"] = jnp.asarray(chosen)
     return dataclasses.replace(result, record=record, details=result.details | details)

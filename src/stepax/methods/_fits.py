@@ -1,6 +1,5 @@
 """Least-squares fits: a start from the record, then `refine`."""
 
-import dataclasses
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -17,13 +16,10 @@ from .._curves import DEFAULT_ORDERS, chain_with_spread, check_orders
 from .._models import FOPDT, SOPDT, AbstractPlant, Hudzovic, Sani
 from .._preprocess import sliding_average
 from .._record import StepRecord, usable_record
-from .._refine import final_level_ties, refine
-from .._result import Identification, refused
+from .._refine import best_order, refine
+from .._result import Identification
 from .._types import Scalar
 
-
-SAME_AICC = 2.0
-"""Difference in AICc below which the smaller order is kept (Burnham and Anderson 2002)."""
 
 START_LEVELS = (0.283, 0.632)
 """The two levels of Smith (1972): 1/3 and 1 time constant of a first-order plant."""
@@ -103,21 +99,14 @@ def _chain_fit(model, record, order, orders, fixed, errors, options) -> Identifi
         return refine(record, start, fixed, errors=False, **options)
 
     if order == "auto":
-        candidates = jnp.asarray(check_orders(orders))
-        results = jax.lax.map(fit, candidates)
-        score = jnp.where(refused(results.status), jnp.inf, results.details["aicc"])
-        # argmax finds the first, that is smallest, order that is near enough
-        best = jnp.argmax(score <= jnp.min(score) + SAME_AICC)
-        result = jax.tree.map(lambda x: x[best], results)
-        details = result.details | {"aicc": result.details["aicc"] + 2}
-        result = dataclasses.replace(result, record=record, details=details)
+        result = best_order(record, check_orders(orders), fit)
     elif isinstance(order, int | np.integer) and not isinstance(order, bool):
         result = fit(jnp.asarray(check_orders([int(order)])[0]))
     else:
         raise ValueError(f"order must be a whole number from 2 to 8 or 'auto', got {order!r}.")
     if not errors:
         return result
-    return with_errors(result, tied=final_level_ties(record, fixed))
+    return with_errors(result, fixed, options.get("weights"), options.get("loss", "squares"))
 
 
 def _chain_start(model, record, n: Array, fixed) -> AbstractPlant:

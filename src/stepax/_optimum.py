@@ -1,0 +1,138 @@
+r"""The optimum of a fit, and its derivatives by the implicit function theorem."""
+
+import dataclasses
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array
+
+from ._fit import Fit
+from ._solver import BoundedLevenbergMarquardt, columns, free_parameters, solve_positive
+from ._types import Count, Flag
+
+
+CELLS = 5
+"""Intervals between samples in which a dead time is sought, around a first estimate."""
+
+LOOSE = 1e-3
+"""Relative decrease of the cost at which that first estimate ends."""
+
+
+class Optimum(NamedTuple):
+    """Coordinates, whether the iteration converged, and its number of steps."""
+
+    x: Array
+    converged: Flag
+    steps: Count
+
+
+@eqx.filter_custom_jvp
+def optimum(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
+    """Coordinates of the least loss, from `start`.
+
+    The cost of a first-order plant has a kink and often a minimum wherever the dead time meets a
+    sample; between samples it is smooth. So each of the intervals around a first estimate is
+    searched on its own, and the best is kept.
+    """
+    if start.size == 0:
+        return Optimum(start, jnp.array(True), jnp.array(0))
+    lower, upper = fit.bounds()
+    if not fit.kinked or not isinstance(solver, BoundedLevenbergMarquardt):
+        return _solve(fit, start, lower, upper, solver, max_steps)[0]
+
+    loose = dataclasses.replace(solver, rtol=max(LOOSE, solver.rtol))
+    first, _ = _solve(fit, start, lower, upper, loose, max_steps)
+    place = fit.delay_place
+    left, right = _cells(fit, first.x[place], upper[place])
+
+    def search(left, right):
+        low, high = lower.at[place].set(left), upper.at[place].set(right)
+        return _solve(fit, jnp.clip(first.x, low, high), low, high, solver, max_steps)
+
+    found, cost = jax.vmap(search)(left, right)
+    best = jax.tree.map(lambda x: x[jnp.argmin(cost)], found)
+    return best._replace(steps=first.steps + best.steps)
+
+
+def _solve(fit, start, lower, upper, solver, max_steps) -> tuple[Optimum, Array]:
+    solution = optx.least_squares(
+        lambda x, fit: fit.residual(x),
+        solver,
+        tuple(start),
+        fit,
+        options={"lower": lower, "upper": upper},
+        max_steps=max_steps,
+        throw=False,
+    )
+    x = jnp.clip(jnp.stack(solution.value), lower, upper)
+    converged = solution.result == optx.RESULTS.successful
+    cost = getattr(solution.state, "cost", jnp.zeros((), x.dtype))
+    return Optimum(x, converged, solution.stats["num_steps"]), cost
+
+
+def _cells(fit: Fit, delay: Array, longest: Array) -> tuple[Array, Array]:
+    """Left and right ends of the intervals between samples around a dead time.
+
+    They lie a rounding error inside, where the slope of the response at the sample is one-sided.
+    """
+    elapsed = (fit.record.t - fit.record.step_time) / fit.duration
+    place = jnp.searchsorted(elapsed, delay, side="right") - 1 - CELLS // 2
+    index = jnp.clip(place + jnp.arange(CELLS + 1), 0, elapsed.size - 1)
+    edges = jnp.clip(elapsed[index], 0, longest)
+    margin = jnp.finfo(elapsed.dtype).eps ** 0.5 * jnp.diff(edges)
+    left = jnp.where(edges[:-1] > 0, edges[:-1] + margin, 0)
+    right = jnp.where(edges[1:] < longest, edges[1:] - margin, longest)
+    return left, jnp.maximum(left, right)
+
+
+@optimum.def_jvp
+def _optimum_jvp(primals, tangents):
+    r"""Implicit function theorem for $\nabla_x \frac12 |r(x)|^2 = 0$ over the free coordinates.
+
+    A coordinate on its bound does not move, nor does a dead time at a kink, which the slope that
+    is left there tells. The matrix is the Hessian; where a dead time leaves it indefinite,
+    $J^\top J$.
+    """
+    fit, start, *_ = primals
+    found = optimum(*primals)
+    x = found.x
+    if start.size == 0:
+        return found, Optimum(jnp.zeros_like(x), None, None)  # pyright: ignore[reportArgumentType]
+
+    def gradient(x, fit):
+        residual, pullback = jax.vjp(fit.residual, x)
+        return pullback(residual)[0]
+
+    lower, upper = fit.bounds()
+    slope = gradient(x, fit)
+    free = free_parameters(x, slope, lower, upper)
+    hessian = jax.jacfwd(gradient)(x, fit)
+    if fit.kinked:
+        place = fit.delay_place
+        tiny = jnp.finfo(x.dtype).tiny
+        promised = slope[place] ** 2 / jnp.maximum(jnp.abs(hessian[place, place]), tiny)
+        residual = fit.residual(x)
+        free = free.at[place].set(free[place] & (promised <= 1e-7 * residual @ residual))
+    _, change = eqx.filter_jvp(lambda fit: gradient(x, fit), (fit,), (tangents[0],))
+    scaled, scale = _scaled(hessian, free)
+    if fit.free_delay:
+        jacobian = columns(lambda *x: fit.residual(x), x)
+        definite = jnp.linalg.eigvalsh(scaled)[0] > jnp.finfo(x.dtype).eps ** 0.75
+        normal, normal_scale = _scaled(jacobian @ jacobian.T, free)
+        scaled, scale = jax.tree.map(
+            lambda a, b: jnp.where(definite, a, b), (scaled, scale), (normal, normal_scale)
+        )
+    move = -scale * solve_positive(scaled, jnp.where(free, change, 0) * scale)
+    move = jnp.where(found.converged, move, jnp.nan)
+    return found, Optimum(move, None, None)  # pyright: ignore[reportArgumentType]
+
+
+def _scaled(matrix: Array, free: Array) -> tuple[Array, Array]:
+    """A normal matrix over the free coordinates with diagonal 1, and the scale that makes it so."""
+    both = free[:, None] & free[None, :]
+    matrix = jnp.where(both, matrix, jnp.eye(free.size, dtype=matrix.dtype))
+    scale = 1 / jnp.sqrt(jnp.maximum(jnp.abs(jnp.diagonal(matrix)), jnp.finfo(matrix.dtype).tiny))
+    return matrix * scale[:, None] * scale[None, :], scale
