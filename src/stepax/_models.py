@@ -211,7 +211,7 @@ class Hudzovic(AbstractChain):
         slowest = one_minus_multiple(self.n - 1, self.r)
         valid = (slowest > 0) & (self.r >= 0) & _in_range(self.n)
         slowest = jnp.where(valid, slowest, jnp.nan)
-        return equal_spacing_response(t, slowest / self.T, self.r / self.T, self.n)
+        return equal_spacing_response(t / self.T, slowest, self.r, self.n)
 
 
 class Sani(AbstractChain):
@@ -280,8 +280,8 @@ class EqualLag(AbstractChain):
         """g(t), by the closed form."""
         if not self._is_whole:
             return equal_lag_response(t, self.T, self.n)
-        rate = jnp.where(_in_range(self.n), 1 / self.T, jnp.nan)
-        return equal_spacing_response(t, rate, jnp.zeros_like(self.T), self.n)
+        rate = jnp.where(_in_range(self.n), jnp.ones_like(self.T), jnp.nan)
+        return equal_spacing_response(t / self.T, rate, jnp.zeros_like(self.T), self.n)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s), also for a fractional n."""

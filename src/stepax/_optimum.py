@@ -63,7 +63,7 @@ def _solve(fit, start, lower, upper, solver, max_steps) -> tuple[Optimum, Array]
         solver,
         tuple(start),
         fit,
-        options={"lower": lower, "upper": upper},
+        options={"lower": lower, "upper": upper, "linearised": Fit.linearised},
         max_steps=max_steps,
         throw=False,
     )

@@ -118,7 +118,7 @@ def _refine(record, model, fixed, weights, loss, solver, max_steps) -> Identific
     if solver is None:
         eps = float(jnp.finfo(safe.y.dtype).eps)
         atol = 0.5 * accuracy(safe.y.dtype) ** 2 * safe.y.size
-        solver = BoundedLevenbergMarquardt(rtol=eps**0.6, atol=atol)
+        solver = BoundedLevenbergMarquardt(rtol=eps**0.5, atol=atol)
     noise = {}
     if loss == "huber":
         fit, found, noise["noise_level"] = _robust(fit, solver, max_steps)

@@ -4,11 +4,13 @@ Plain functions of time: any shape of `t`, 0 or less gives 0, smooth in every pa
 a few units in the last place of 1. Chains of arbitrary real lags are in `_contour.py`.
 """
 
+import functools
 import math
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_derivatives import SymbolicZero
 from jax.scipy.special import gammaln
 from jaxtyping import Array, Float, Int
 
@@ -63,18 +65,56 @@ def equal_spacing_response(
     **Arguments:** `slowest` is m > 0 and `spacing` is d >= 0, both 1/unit of `t`; `order` is n,
     at most `MAX_ORDER` when it is an array.
     """
+    length = order if isinstance(order, int) else MAX_ORDER
+    return _equal_spacing(t, slowest, spacing, jnp.asarray(order), length)
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(4,))
+def _equal_spacing(t, slowest, spacing, order, length: int) -> Array:
     started, t = _after_start(t)
-    # Beyond this time the response is 1 to rounding; the sum would overflow.
-    limit = -math.log(float(jnp.finfo(t.dtype).tiny)) / slowest
-    t = jnp.minimum(t, limit)
+    t = _before_overflow(t, slowest)
     e = decay_integral(spacing, t)
     total = jnp.ones_like(e)
-    for j in range((order if isinstance(order, int) else MAX_ORDER) - 1, 0, -1):
-        factor = (slowest + (j - 1) * spacing) / j
-        if not isinstance(order, int):
-            factor = jnp.where(j < order, factor, jnp.zeros_like(factor))
+    for j in range(length - 1, 0, -1):
+        factor = jnp.where(j < order, (slowest + (j - 1) * spacing) / j, 0)
         total = 1 + factor * e * total
     return jnp.where(started, 1 - jnp.exp(-slowest * t) * total, 0)
+
+
+def _equal_spacing_jvp(length, primals, tangents):
+    r"""The slope in time is $e^{-m t} m \prod_{j=1}^{n-1} (m + j d) E/j$; the rates' is derived.
+
+    Only what has a tangent is computed, apart from the value (see `_contour.py`).
+    """
+    value = _equal_spacing(*primals, length)
+    tangent = jnp.zeros_like(value)
+    if not isinstance(tangents[0], SymbolicZero):
+        t, slowest, spacing, order = jax.lax.optimization_barrier(primals)
+        started, t = _after_start(t)
+        limited = _before_overflow(t, slowest)
+        e = decay_integral(spacing, limited)
+        slope = slowest * jnp.exp(-slowest * limited)
+        for j in range(1, length):
+            slope = slope * jnp.where(j < order, (slowest + j * spacing) * e / j, 1)
+        tangent = tangent + jnp.where(started & (limited == t), slope, 0) * tangents[0]
+    rates = [isinstance(x, SymbolicZero) for x in tangents[1:3]]
+    if not all(rates):
+        t, slowest, spacing, order = jax.lax.optimization_barrier(primals)
+        response = lambda *rates: _equal_spacing.fun(t, *rates, order, length)  # noqa: E731
+        directions = tuple(
+            jnp.zeros_like(rate) if isinstance(x, SymbolicZero) else x
+            for rate, x in zip((slowest, spacing), tangents[1:3], strict=True)
+        )
+        tangent = tangent + jax.jvp(response, (slowest, spacing), directions)[1]
+    return value, tangent
+
+
+_equal_spacing.defjvp(_equal_spacing_jvp, symbolic_zeros=True)
+
+
+def _before_overflow(t: Array, slowest: Scalar) -> Array:
+    """Times up to that beyond which the response is 1 to rounding and the sum overflows."""
+    return jnp.minimum(t, -math.log(float(jnp.finfo(t.dtype).tiny)) / slowest)
 
 
 @jax.jit

@@ -12,6 +12,10 @@ from jaxtyping import Array, Bool, Float, PyTree
 from ._types import Flag, Scalar
 
 
+REFUSED = 0.1
+"""Least damping after a step that did not lower the cost."""
+
+
 class _State(eqx.Module):
     """Everything has the size of the parameters; nothing of the size of the data is carried."""
 
@@ -35,7 +39,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     leave the step; those that a step would carry across are put on the bound and the others solved
     again. It ends when the decrease of the cost that a full Gauss-Newton step promises is at most
     `rtol` of the cost, or the cost is at most `atol`, or only short steps lower it, and hardly: a
-    minimum at a kink, such as a dead time on a sample. The result is the best point seen.
+    minimum at a kink, such as a dead time on a sample. The result is the best point seen, and from
+    there the step that promised so little.
 
     Parameters are a tuple of numbers, or a row of them. With a tuple, the derivative in one does
     not compute what depends on the others alone. Bounds come in `options`: `dict(lower=...,
@@ -70,21 +75,26 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         lower, upper = options["lower"], options["upper"]
         new, like, y = state.candidate, y, jnp.stack(list(y))
         residual, aux = fn(_similar(new, like), args)
-        jacobian = columns(lambda *x: fn(_similar(jnp.stack(x), like, x), args)[0], new)
-        cost = 0.5 * residual @ residual
+        if "linearised" in options:
+            residual, jacobian = options["linearised"](args, new)
+        else:
+            jacobian = columns(lambda *x: fn(_similar(jnp.stack(x), like, x), args)[0], new)
+        products = inner_products([*jacobian, residual])
+        cost = 0.5 * products[-1, -1]
         cost = jnp.where(jnp.isfinite(cost), cost, jnp.inf)
         first = jnp.isinf(state.cost)
         better = cost < state.cost
         ratio = (state.cost - cost) / jnp.where(state.predicted > 0, state.predicted, 1)
-        shrink = jnp.maximum(1 / 3, 1 - (2 * jnp.clip(ratio, 0, 1) - 1) ** 3)
-        damping = jnp.where(better, state.damping * shrink, state.damping * state.growth)
+        shrink = jnp.maximum(0.1, 1 - (2 * jnp.clip(ratio, 0, 1) - 1) ** 3)
+        more = jnp.maximum(state.damping * state.growth, REFUSED)
+        damping = jnp.where(better, state.damping * shrink, more)
         damping = jnp.where(first, state.damping, damping)
         growth = jnp.where(better, 2, 2 * state.growth)
 
         y = jnp.where(better, new, y)
         cost = jnp.where(better, cost, state.cost)
-        gradient = jnp.where(better, jacobian @ residual, state.gradient)
-        matrix = jnp.where(better, jacobian @ jacobian.T, state.matrix)
+        gradient = jnp.where(better, products[:-1, -1], state.gradient)
+        matrix = jnp.where(better, products[:-1, :-1], state.matrix)
 
         free = free_parameters(y, gradient, lower, upper)
         full = _damped_step(matrix, gradient, free, jnp.zeros_like(damping))
@@ -109,6 +119,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             converged=finite & (good | stalled),
             failed=~finite,
         )
+        # A step that promises next to nothing is taken without a last look.
+        y = jnp.where(finite & good, candidate, y)
         return _similar(y, like), new_state, aux
 
     def terminate(self, fn, y, args, options, state, tags) -> tuple[Bool[Array, ""], optx.RESULTS]:
@@ -145,6 +157,13 @@ def columns(function, x: Float[Array, " p"]) -> Float[Array, "p residuals"]:
         along = lambda xi, before=before, after=after: function(*before, xi, *after)  # noqa: E731
         directions.append(jax.jvp(along, (x[i],), (jnp.ones_like(x[i]),))[1])
     return jnp.stack(directions)
+
+
+def inner_products(rows: list[Float[Array, " residuals"]]) -> Float[Array, "rows rows"]:
+    """Sums of the products of all pairs; the rows stay apart, where XLA can vectorise them."""
+    half = {(i, j): jnp.sum(rows[i] * rows[j]) for i in range(len(rows)) for j in range(i + 1)}
+    places = range(len(rows))
+    return jnp.stack([jnp.stack([half[max(i, j), min(i, j)] for j in places]) for i in places])
 
 
 def free_parameters(y, gradient, lower, upper) -> Bool[Array, " p"]:
