@@ -1,0 +1,321 @@
+"""Least-squares fits per second: `python -m experiments.benchmarks.fit [--json OUT] [--only WORD]`.
+
+Four engines on the same records (200 samples from 0 to about 99 % of the change, 2 % white noise),
+from the same starts: (a) `stepax.refine`; (b) `jax.vmap` of `optimistix.LevenbergMarquardt` on
+the residuals and coordinates of (a), clipped to their bounds (in log T and logit r it is slower);
+(c) SciPy `curve_fit` (MINPACK) in a loop, with the same coordinates, gain and offset among them,
+and the response in NumPy: closed form for Hudzovic, contour quadrature for Sani; (d) the same with
+`scipy.signal.step`. (b) to (d) stop at a tolerance of 1e-6, (a) at its own, which is tighter. (a)
+has an equal share of the records on each core, (b) XLA's threads, which is what `jax.vmap` gives;
+(c) and (d) use one core, as Python loops do.
+
+Costs are computed again from the parameters by one formula; `excess` is relative to the best of
+all engines on that record, the bounds r >= 0 and delay >= 0 kept by all. `floor` is the share of
+(a)'s time that evaluating residuals, derivatives and their sums takes, with the mean number of
+steps. `--million` fits 1 000 000 plants, records drawn per chunk, and prints the peak memory.
+
+Left out: compilation, drawing the records and the starts (except with `--million`).
+"""
+
+import argparse
+import functools
+import json
+import os
+import platform
+import resource
+import time
+import warnings
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jax.sharding import AxisType, PartitionSpec
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+from scipy import signal
+from scipy.optimize import curve_fit
+
+from stepax import Hudzovic, Sani, StepRecord, refine
+from stepax._contour import _PAIRS_10
+from stepax._fit import Fit
+from stepax._solver import inner_products
+from stepax.methods._fits import _chain_start
+
+
+SAMPLES, NOISE, CHUNK, TOLERANCE = 200, 0.02, 32, 1e-6
+PLANTS, LOOPED, STEPPED = 10_000, 2_000, 50
+REPETITIONS, ENOUGH = 5, 30.0
+KNOWN = ("gain", "offset", "delay")
+COLUMNS = (
+    "engine", "plants", "plants/s", "a is x times", "floor", "worst excess", "within 1e-6", "bound",
+)  # fmt: skip
+
+
+def on_all_cores(function):
+    """Compiled, over equal shares of the leading axis, one for each core."""
+    mesh = jax.make_mesh((jax.device_count(),), ("cores",), axis_types=(AxisType.Auto,))
+    spec = PartitionSpec("cores")
+    return jax.jit(
+        jax.shard_map(function, mesh=mesh, in_specs=spec, out_specs=spec, check_vma=False)
+    )
+
+
+# records
+
+
+def draw(family, order, everything, key):
+    """One record (t, y), its start and its order: plants all over the family's range."""
+    keys = jax.random.split(key, 5)
+    n = jnp.asarray(order) if order else jax.random.randint(keys[0], (), 2, 9)
+    r = jax.random.uniform(keys[1]) * (0.97 / (n - 1) if family is Hudzovic else 1)
+    T = jax.random.uniform(keys[2], minval=1, maxval=9)
+    residence = jnp.sum(family(T=T, r=r, n=n).lags)
+    delay = everything * residence * jax.random.uniform(keys[3], minval=0.1, maxval=0.5)
+    t = jnp.linspace(0, 1, SAMPLES) * (delay + 4.5 * residence)
+    y = family(T=T, r=r, n=n, delay=delay).step_response(t)
+    record = StepRecord(t, y + NOISE * jax.random.normal(keys[4], t.shape))
+    start = _chain_start(family, record, n, () if everything else KNOWN)
+    return record.t, record.y, start.T, start.r, start.delay, n
+
+
+# engines: rows of T, r, gain, offset, delay
+
+
+def by_stepax(family, everything, t, y, T, r, delay, n):
+    """(a)"""
+    start = family(T=T, r=r, n=n, delay=delay)
+    result = refine(StepRecord(t, y), start, () if everything else KNOWN, errors=False)
+    model = result.model
+    row = jnp.stack([model.T, model.r, model.gain, model.offset, model.delay])
+    return row, result.details["steps"], jnp.any(result.details["at_bound"][:2])
+
+
+def by_optimistix(family, everything, t, y, T, r, delay, n):
+    """(b)"""
+    known = () if everything else KNOWN
+    fit = Fit(StepRecord(t, y), family(T=T, r=r, n=n, delay=delay), jnp.ones_like(y), known)
+    solver = optx.LevenbergMarquardt(rtol=TOLERANCE, atol=TOLERANCE)
+    found = optx.least_squares(
+        lambda x, _: fit.residual(jnp.clip(x, *fit.bounds())), solver, fit.start(), throw=False
+    )
+    model = fit.plant(jnp.clip(found.value, *fit.bounds()))
+    return jnp.stack([model.T, model.r, model.gain, model.offset, model.delay])
+
+
+def coordinates(family, T, r, n):
+    """Sum of the lags, and squared contrast of the extreme rates (`stepax._coordinates`)."""
+    s = 1 - (n - 1) * r if family is Hudzovic else r
+    return np.sum(lags(family, T, r, n)), ((1 - s) / (1 + s)) ** 2
+
+
+def parameters(family, residence, contrast, n):
+    root = np.sqrt(min(max(contrast, 0.0), 1 - 1e-8))
+    s = (1 - root) / (1 + root)
+    r = (1 - s) / (n - 1) if family is Hudzovic else s
+    return residence / np.sum(lags(family, 1.0, r, n)), r
+
+
+def lags(family, T, r, n):
+    k = np.arange(n)
+    return T / (1 - k * r) if family is Hudzovic else T * r**k
+
+
+def hudzovic_numpy(t, T, r, n):
+    """Closed form; `equal_spacing_response` in NumPy."""
+    d, m = max(r, 1e-9), 1 - (n - 1) * r
+    e = -np.expm1(-d * t / T) / d
+    total = np.ones_like(t)
+    for j in range(n - 1, 0, -1):
+        total = 1 + (m + (j - 1) * d) / j * e * total
+    return 1 - np.exp(-m * t / T) * total
+
+
+POLES, WEIGHTS = np.array(_PAIRS_10).T[:, :, None]
+
+
+def sani_numpy(t, T, r, n):
+    """Contour quadrature, as in `chain_response`."""
+    x = T / np.maximum(t, 1e-12 * T)
+    product = np.ones((len(POLES), t.size), complex)
+    for k in range(n):
+        product *= 1 + POLES * (x * r**k)
+    return np.where(t > 0, np.sum((WEIGHTS / product).real, axis=0), 0)
+
+
+def step_scipy(family, t, T, r, n):
+    """`scipy.signal.step` of the chain."""
+    rates = 1 - np.arange(n) * r if family is Hudzovic else r ** -np.arange(float(n))
+    even = np.linspace(0, t[-1], t.size)
+    _, y = signal.step(signal.ZerosPolesGain([], -rates / T, np.prod(rates / T)), T=even)
+    return np.interp(t, even, y, left=0)
+
+
+def by_scipy(family, everything, response, t, y, T, r, delay, n):
+    """(c), (d): one record at a time."""
+    rows = np.full((len(y), 5), np.nan)
+    for i, row in enumerate(rows):
+        order, dt = int(n[i]), t[i, 1]
+
+        def physical(x, order=order, dt=dt):
+            levels = [x[2], x[3], max(x[4], 0.0) * dt] if everything else [1.0, 0.0, 0.0]
+            return [*parameters(family, np.exp(x[0]), x[1], order), *levels]
+
+        def model(t, *x, order=order, physical=physical):
+            T, r, gain, offset, delay = physical(x)
+            return offset + gain * response(np.maximum(t - delay, 0), T, r, order)
+
+        residence, contrast = coordinates(family, T[i], r[i], order)
+        start = [np.log(residence), contrast]
+        start += [1.0, 0.0, delay[i] / dt] if everything else []
+        try:
+            options = {"ftol": TOLERANCE, "xtol": TOLERANCE, "method": "lm"}
+            row[:] = physical(curve_fit(model, t[i], y[i], start, **options)[0])
+        except RuntimeError:  # no convergence: NaN
+            pass
+    return rows
+
+
+def costs(family, records, rows):
+    """Sum of squares of each record at the parameters an engine found."""
+
+    def one(t, y, n, row):
+        T, r, gain, offset, delay = row
+        model = family(T=T, r=r, n=n, gain=gain, offset=offset, delay=delay)
+        return jnp.sum((y - model.step_response(t)) ** 2)
+
+    t, y, *_, n = records
+    each = jax.jit(lambda *a: jax.lax.map(lambda a: one(*a), a, batch_size=256))
+    return np.asarray(each(t, y, n, np.asarray(rows)))
+
+
+# measuring
+
+
+def seconds(function, records):
+    """Median time of a compiled call, of several unless they are long, and its result."""
+    compiled, times = function.lower(*records).compile(), []
+    while len(times) < REPETITIONS and sum(times) < ENOUGH:
+        start = time.perf_counter()
+        result = jax.block_until_ready(compiled(*records))
+        times.append(time.perf_counter() - start)
+    return float(np.median(times)), result
+
+
+def chunked(engine):
+    return lambda *records: jax.lax.map(lambda a: engine(*a), records, batch_size=CHUNK)
+
+
+def evaluation(family, everything, evaluations, t, y, T, r, delay, n):
+    """As many evaluations of residuals, derivatives and their sums as a fit needs, no more."""
+    known = () if everything else KNOWN
+    fit = Fit(StepRecord(t, y), family(T=T, r=r, n=n, delay=delay), jnp.ones_like(y), known)
+
+    def again(_, x):
+        residual, slopes = fit.linearised(x)
+        return x * (1 + 1e-9 * jnp.tanh(jnp.sum(inner_products([*slopes, residual]))))
+
+    return jax.lax.fori_loop(0, evaluations, again, fit.start())
+
+
+def measure(family, order, everything):
+    """Rows of the table for one family."""
+    keys = jax.random.split(jax.random.key(1), PLANTS)
+    records = on_all_cores(chunked(functools.partial(draw, family, order, everything)))(keys)
+    host = [np.asarray(x) for x in records]
+    cost, rows = {}, {}
+
+    ours = on_all_cores(chunked(functools.partial(by_stepax, family, everything)))
+    duration, (found, steps, bound) = seconds(ours, records)
+    cost["a"] = costs(family, host, found)
+    rate = PLANTS / duration
+    number = round(float(np.mean(steps)))
+    floor = on_all_cores(chunked(functools.partial(evaluation, family, everything, number)))
+    least = seconds(floor, records)[0]
+    name = "a  stepax.refine"
+    rows["a"] = {"engine": name, "plants": PLANTS, "plants/s": rate, "floor": least / duration}
+    rows["a"]["bound"] = float(np.mean(bound))
+
+    other = jax.jit(jax.vmap(functools.partial(by_optimistix, family, everything)))
+    single = jax.device_put(records, jax.devices()[0])  # where XLA has threads on all cores
+    duration, found = seconds(other, single)
+    cost["b"] = costs(family, host, found)
+    rows["b"] = {"engine": "b  vmap of optimistix", "plants": PLANTS, "plants/s": PLANTS / duration}
+
+    closed = hudzovic_numpy if family is Hudzovic else sani_numpy
+    stepped = functools.partial(step_scipy, family)
+    loops = [("c", "curve_fit, NumPy", closed, LOOPED), ("d", "curve_fit, lti", stepped, STEPPED)]
+    for letter, name, response, count in loops:
+        some = [x[:count] for x in host]
+        start = time.perf_counter()
+        found = by_scipy(family, everything, response, *some)
+        duration = time.perf_counter() - start
+        value = costs(family, some, found)
+        cost[letter] = np.append(value, np.full(PLANTS - count, np.nan))
+        rows[letter] = {"engine": f"{letter}  {name}", "plants": count}
+        rows[letter]["plants/s"] = count / duration
+
+    best = functools.reduce(np.fmin, (np.asarray(x) for x in cost.values()))
+    for letter, row in rows.items():
+        part = slice(None, row["plants"])
+        excess = np.asarray(cost[letter])[part] / best[part] - 1
+        excess = np.where(np.isnan(excess), np.inf, excess)
+        row["worst excess"] = float(np.max(excess))
+        row["within 1e-6"] = float(np.mean(excess <= 1e-6))
+        row["a is x times"] = rate / row["plants/s"]
+    free = "T, r, gain, offset, delay" if everything else "T, r"
+    title = f"{family.__name__}, n = {order or '2...8'}, free: {free}"
+    return {"title": title, "rows": list(rows.values())}
+
+
+def million(count=1_000_000):
+    """Plants per second, records drawn per chunk, and the peak memory of this process."""
+
+    def one(key):
+        row, steps, _ = by_stepax(Hudzovic, False, *draw(Hudzovic, 4, False, key))
+        return row[:2], steps
+
+    compiled = on_all_cores(chunked(lambda keys: one(keys)))
+    keys = jax.random.split(jax.random.key(2), count)
+    duration, (found, _) = seconds(compiled, [keys])
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    lost = int(np.sum(~np.isfinite(found)))
+    return {"plants": count, "plants/s": count / duration, "peak GiB": peak, "not converged": lost}
+
+
+def show(table, machine):
+    sheet = Table(*COLUMNS, title=f"{table['title']}\n{machine}")
+    for row in table["rows"]:
+        cells = (row.get(name, "") for name in COLUMNS)
+        sheet.add_row(*(f"{x:.4g}" if isinstance(x, float) else str(x) for x in cells))
+    Console(width=120).print(sheet)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--only", help="number of one case, 0 to 7: 0 is Hudzovic, n = 4, T and r")
+    parser.add_argument("--million", action="store_true")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")  # curve_fit on covariances, overflow of its trial steps
+    jax.config.update("jax_enable_x64", True)
+    jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)
+    machine = f"{jax.devices()[0].device_kind}, {os.cpu_count()} {platform.machine()} cores"
+    machine += f", float64, jax {jax.__version__}, load {os.getloadavg()[0]:.1f}"
+    if options.million:
+        Console().print(machine, million())
+        return
+    cases = [(f, n, all_) for all_ in (False, True) for f in (Hudzovic, Sani) for n in (4, None)]
+    cases = cases if options.only is None else [cases[int(options.only)]]
+    tables = []
+    for case in track(cases, transient=True):
+        tables.append(measure(*case))
+        show(tables[-1], machine)
+    if options.json:
+        options.json.write_text(json.dumps({"machine": machine, "tables": tables}, indent=1))
+
+
+if __name__ == "__main__":
+    main()
