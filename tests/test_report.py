@@ -126,14 +126,15 @@ def test_warnings():
         "not_settled": True,
     }
     details = {name: jnp.asarray(value) for name, value in details.items()}
-    result = identification(FOPDT(T=10.0), Status.not_settled, details=details)
+    model = FOPDT(T=10.0, gain=5.0, offset=20.0)
+    result = identification(model, Status.not_settled, details=details)
     sentences = warning_sentences(result)
     assert sentences[0] == Status[Status.not_settled] and len(sentences) == 5
     assert "3 steps in the input; this is step 1: choose with --step." in sentences
     assert "3 steps in the input; this is step 3." in warning_sentences(result, -1)
     assert any("0.32 degC" in text for text in sentences)
     assert any("0.93" in text for text in sentences)
-    assert warning_sentences(identification(FOPDT(T=10.0))) == []
+    assert warning_sentences(identification(FOPDT(T=10.0, gain=5.0, offset=20.0))) == []
     assert "Note: " + sentences[0] in text_of(report(result, "x"))
 
 
@@ -169,3 +170,19 @@ def test_json_of_a_refusal():
     data = to_json(identification(FOPDT(T=10.0), Status.no_inflection), "name")
     assert data["parameters"]["T"] is None and data["rmse"] is None
     assert data["status"] == "no_inflection"
+
+
+def test_what_is_uncertain_is_named():
+    free = ("T", "gain", "delay")
+    details = {
+        "at_bound": jnp.array([False, False, True]),
+        "identifiable": jnp.array([True, False, True]),
+        "steps_found": jnp.array(0),
+    }
+    model = FOPDT(T=300.0, gain=5.0, offset=20.0)
+    result = identification(model, Status.not_identifiable, free=free, details=details)
+    text = " ".join(warning_sentences(result))
+    assert "determined by this record: gain." in text and "The dead time is at the end" in text
+    assert "The fit is only" in text and "No input column" in text
+    assert result.show_model() == "5 / (1 + 300 s)"
+    assert "No input column" not in " ".join(warning_sentences(identification(FOPDT(T=10.0))))

@@ -34,7 +34,7 @@ def refine(
     model: AbstractPlant,
     fixed: Sequence[str] = (),
     *,
-    order: str | None = None,
+    order: str | int | None = None,
     orders: Iterable[int] = DEFAULT_ORDERS,
     weights: Samples | None = None,
     loss: str = "squares",
@@ -164,7 +164,7 @@ def _robust(fit: Fit, solver, max_steps: int) -> tuple[Fit, Optimum, Array]:
     return dataclasses.replace(fit, threshold=HUBER * noise[-1]), last, noise[-1] * fit.range
 
 
-def _check(model: AbstractPlant, fixed: Sequence[str], order: str | None, loss: str) -> None:
+def _check(model: AbstractPlant, fixed: Sequence[str], order: str | int | None, loss: str) -> None:
     known = parameter_names(model)
     name = type(model).__name__
     if isinstance(fixed, str):

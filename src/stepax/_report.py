@@ -67,6 +67,10 @@ def _table(*columns: str, right: tuple[int, ...] = ()) -> Table:
     return table
 
 
+POOR_FIT = 80.0
+"""Fit in percent below which a model is reported with a warning."""
+
+
 # Reports
 
 
@@ -115,9 +119,31 @@ def warning_sentences(result: Identification, step: int | None = None) -> list[s
     def holds(name: str) -> bool:
         return bool(np.any(np.asarray(details.get(name, False))))
 
+    def named(name: str, wanted: bool) -> list[str]:
+        flags = np.asarray(details.get(name, []), bool)
+        return [x for x, flag in zip(result.free, flags, strict=False) if flag == wanted]
+
     sentences = []
     if result.status != Status.successful:
         sentences.append(Status[result.status])
+    if float(result.fit_percent) < POOR_FIT:
+        sentences.append(
+            f"The fit is only {number(result.fit_percent)} %: look at the plot before using it."
+        )
+    bounded = named("at_bound", True)
+    vague = [name for name in named("identifiable", False) if name not in bounded]
+    if vague:
+        sentences.append(f"Not determined by this record: {', '.join(vague)}.")
+    if "delay" in bounded:
+        sentences.append("The dead time is at the end of its range and has no standard error.")
+        bounded.remove("delay")
+    if bounded:
+        sentences.append(f"At the end of its range: {', '.join(bounded)}.")
+    if int(details.get("steps_found", 1)) == 0:
+        sentences.append(
+            "No input column: the step is taken to be at t = 0 with size 1, and gain and dead time"
+            " refer to that."
+        )
     if holds("assumed_step"):
         sentences.append(
             "The input is constant from its first row: taken as a step from 0 at that row."

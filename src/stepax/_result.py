@@ -97,6 +97,12 @@ class Identification(eqx.Module):
         """Modelled output at times `t` of the record's time axis."""
         return predict(self.model, self.record, t)
 
+    def show_model(self) -> str:
+        """The transfer function as text, without the offset."""
+        from ._notation import transfer_function_text
+
+        return transfer_function_text(self.model)
+
     def plot(self, **options):
         """Record, model and residuals as a matplotlib figure; see `stepax.plot_identification`."""
         from ._plot import plot_identification
