@@ -141,6 +141,19 @@ def test_other_solvers_serve():
     np.testing.assert_allclose(other.rmse, ours.rmse, rtol=1e-6)
 
 
+def test_normal_equations_serve_where_parameters_are_hard_to_tell():
+    """Nearly equal lags and hardly a dead time: no worse than QR factorisations of the Jacobian."""
+    plant = PTn(lags=[5.0, 4.9], gain=2.0, offset=5.0, delay=0.05)
+    start = PTn(lags=[8.0, 3.0], delay=0.5)
+    record = simulated(plant, noise=0.02)
+    ours = COMPILED(record, start)
+    qr = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9)
+    other = refine(record, start, solver=qr, max_steps=256, errors=False)
+    cost = [float(jnp.sum((record.y - x.predict(record.t)) ** 2)) for x in (ours, other)]
+    assert not bool(refused(ours.status)) and not bool(refused(other.status))
+    assert cost[0] <= cost[1] * (1 + 1e-6)
+
+
 @pytest.mark.parametrize("threshold", [None, 0.01], ids=["squares", "huber"])
 @pytest.mark.parametrize("family", TRUE)
 def test_linearised_is_the_jacobian(family, threshold):
@@ -272,7 +285,7 @@ def test_gradient_through_the_fit(family):
 
     compiled = jax.jit(parameters)
     forward = jax.jit(lambda y: jax.jvp(parameters, (y,), (direction,))[1])(record.y)
-    h = 1e-5
+    h = 5e-4  # the cost, in double precision, tells the optimum to about 1e-7
     difference = (compiled(record.y + h * direction) - compiled(record.y - h * direction)) / (2 * h)
     np.testing.assert_allclose(forward, difference, rtol=1e-4, atol=1e-5)
     reverse = jax.jit(jax.grad(lambda y: parameters(y)[0]))(record.y)
@@ -309,33 +322,33 @@ def test_wrong_names_are_refused(fixed, error):
 
 @pytest.mark.long
 @pytest.mark.parametrize("phi", [0.0, 0.8])
-def test_intervals_cover_the_truth(phi):
-    """95 % intervals over 2 000 records; interior, identifiable optimum."""
-    plant = PTn(lags=[8.0], gain=2.0, offset=5.0, delay=2.0)
+@pytest.mark.parametrize("family", TRUE)
+def test_intervals_cover_the_truth(family, phi):
+    """95 % intervals of 2 000 records; those not interior and identifiable are counted apart."""
+    plant = TRUE[family]
     clean = jnp.asarray(simulated(plant).y)
-    key = jax.random.key(7)
 
     def noise(key):
         white = jax.random.normal(key, T.shape) * jnp.sqrt(1 - phi**2)
         white = white.at[0].divide(jnp.sqrt(1 - phi**2))
         return jax.lax.scan(lambda e, w: (phi * e + w,) * 2, jnp.zeros(()), white)[1]
 
-    truth = {"T": 8.0, "gain": 2.0, "offset": 5.0, "delay": 2.0}
-
     def covered(key):
-        record = StepRecord(T, clean + 0.05 * noise(key), STEP_TIME, STEP_SIZE)
-        result = refine(record, FOPDT(T=6.0, delay=1.0))
+        record = StepRecord(T, clean + 0.02 * noise(key), STEP_TIME, STEP_SIZE)
+        result = refine(record, START[family])
         inside = {
-            name: jnp.abs(getattr(result.model, name) - value) <= 1.96 * result.std[name]
-            for name, value in truth.items()
+            name: jnp.abs(getattr(result.model, name) - getattr(plant, name)) <= 1.96 * std
+            for name, std in result.std.items()
         }
-        return inside, refused(result.status)
+        return inside, result.status == Status.successful
 
-    inside, lost = jax.jit(lambda keys: jax.lax.map(covered, keys, batch_size=200))(
-        jax.random.split(key, 2000)
+    inside, usual = jax.jit(lambda keys: jax.lax.map(covered, keys, batch_size=50))(
+        jax.random.split(jax.random.key(7), 2000)
     )
-    assert not np.any(lost)
-    for name, hits in inside.items():
-        share = float(np.mean(hits))
-        print(f"phi = {phi}: {name} covered {100 * share:.1f} %")
-        assert (0.93 <= share <= 0.97) if phi == 0 else share >= 0.88, name
+    print(f"\n{family}, phi = {phi}: {100 * float(np.mean(usual)):.1f} % interior:", end=" ")
+    assert np.mean(usual) > 0.9
+    shares = {name: np.mean(np.asarray(hits)[usual], axis=0) for name, hits in inside.items()}
+    print(", ".join(f"{name} {np.round(100 * share, 1)} %" for name, share in shares.items()))
+    for name, share in shares.items():
+        low, high = (0.93, 0.97) if phi == 0 else (0.88, 1)
+        assert np.all((share >= low) & (share <= high)), name
