@@ -9,9 +9,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ._fit import final_level_ties
+from ._fit import final_level_ties, weights_of
 from ._models import Hudzovic, Sani
 from ._preprocess import quantisation
+from ._record import usable_record
 from ._result import (
     Identification,
     Status,
@@ -66,16 +67,15 @@ def with_errors(
     `result` names its free parameters and has `details["at_bound"]`; the options are those it was
     refined with.
     """
-    record, model, free = result.record, result.model, result.free
+    model, free = result.model, result.free
+    _, record = usable_record(result.record)
     tied = final_level_ties(record, fixed)
     names = list(dict.fromkeys(name.split("[")[0] for name in free))
     values = [jnp.atleast_1d(jnp.asarray(getattr(model, name), record.y.dtype)) for name in names]
     sizes = [value.size for value in values]
     at_bound = result.details["at_bound"]
-    root = (
-        jnp.ones_like(record.y) if weights is None else safe_sqrt(weights * jnp.ones_like(record.y))
-    )
-    residual = root * (record.y - result.predict(record.t))
+    root = safe_sqrt(weights_of(result.record, weights))
+    residual = root * (record.y - predict(model, record, record.t))
     if loss == "huber":
         threshold = HUBER * result.details["noise_level"]
         within = jnp.sum((jnp.abs(residual) <= threshold) & (root > 0)) / jnp.sum(root > 0)

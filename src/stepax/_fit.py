@@ -8,7 +8,7 @@ from jaxtyping import Array
 
 from ._coordinates import Family, family_of
 from ._models import FOPDT, AbstractPlant, Hudzovic, PTn, Sani
-from ._record import StepRecord
+from ._record import MIN_SAMPLES, StepRecord
 from ._result import Status, parameter_names, safe_sqrt
 from ._types import Coordinates, Samples, Scalar
 
@@ -322,6 +322,20 @@ def final_level_ties(record: StepRecord, fixed) -> bool:
         and "gain" not in fixed
         and "offset" not in fixed
     )
+
+
+def weights_of(record: StepRecord, weights) -> Samples:
+    """Weights of the rows of a record, or of its stand-in where it is too short to be used."""
+    size = max(record.y.size, MIN_SAMPLES)
+    if weights is None:
+        return jnp.ones(size, record.y.dtype)
+    weights = jnp.asarray(weights, record.y.dtype)
+    if weights.shape not in ((), record.y.shape):
+        raise ValueError(
+            f"weights need one value per row of the record, {record.y.size}, got {weights.size}."
+        )
+    ones = jnp.ones(size, record.y.dtype)
+    return weights * ones if weights.shape in ((), (size,)) else ones
 
 
 def huber_residual(error: Samples, threshold: Scalar) -> Samples:

@@ -13,7 +13,7 @@ from ._certainty import HUBER, aicc, with_errors
 from ._contour import accuracy
 from ._coordinates import family_of
 from ._curves import DEFAULT_ORDERS, check_orders
-from ._fit import Fit
+from ._fit import Fit, weights_of
 from ._models import AbstractPlant, EqualLag, Hudzovic, Sani
 from ._optimum import Optimum, optimum
 from ._record import StepRecord, usable_record
@@ -113,8 +113,7 @@ def with_order(model, n: Array):
 def _refine(record, model, fixed, weights, loss, solver, max_steps) -> Identification:
     """One order, without standard errors."""
     record_problem, safe = usable_record(record)
-    ones = jnp.ones_like(safe.y)
-    fit = Fit(safe, model, ones if weights is None else weights * ones, fixed)
+    fit = Fit(safe, model, weights_of(record, weights), fixed)
     if solver is None:
         eps = float(jnp.finfo(safe.y.dtype).eps)
         atol = 0.5 * accuracy(safe.y.dtype) ** 2 * safe.y.size
