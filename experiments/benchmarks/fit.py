@@ -26,6 +26,7 @@ import resource
 import time
 import warnings
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -77,7 +78,7 @@ def draw(family, order, everything, key):
     t = jnp.linspace(0, 1, SAMPLES) * (delay + 4.5 * residence)
     y = family(T=T, r=r, n=n, delay=delay).step_response(t)
     record = StepRecord(t, y + NOISE * jax.random.normal(keys[4], t.shape))
-    start = _chain_start(family, record, n, () if everything else KNOWN)
+    start: Any = _chain_start(family, record, n, () if everything else KNOWN)
     return record.t, record.y, start.T, start.r, start.delay, n
 
 
@@ -88,7 +89,7 @@ def by_stepax(family, everything, t, y, T, r, delay, n):
     """(a)"""
     start = family(T=T, r=r, n=n, delay=delay)
     result = refine(StepRecord(t, y), start, () if everything else KNOWN, errors=False)
-    model = result.model
+    model: Any = result.model
     row = jnp.stack([model.T, model.r, model.gain, model.offset, model.delay])
     return row, result.details["steps"], jnp.any(result.details["at_bound"][:2])
 
@@ -101,7 +102,7 @@ def by_optimistix(family, everything, t, y, T, r, delay, n):
     found = optx.least_squares(
         lambda x, _: fit.residual(jnp.clip(x, *fit.bounds())), solver, fit.start(), throw=False
     )
-    model = fit.plant(jnp.clip(found.value, *fit.bounds()))
+    model: Any = fit.plant(jnp.clip(found.value, *fit.bounds()))
     return jnp.stack([model.T, model.r, model.gain, model.offset, model.delay])
 
 
@@ -194,9 +195,9 @@ def costs(family, records, rows):
 # measuring
 
 
-def seconds(function, records):
+def seconds(function, records) -> tuple[float, Any]:
     """Median time of a compiled call, of several unless they are long, and its result."""
-    compiled, times = function.lower(*records).compile(), []
+    compiled, times, result = function.lower(*records).compile(), [], None
     while len(times) < REPETITIONS and sum(times) < ENOUGH:
         start = time.perf_counter()
         result = jax.block_until_ready(compiled(*records))
