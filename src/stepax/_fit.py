@@ -147,7 +147,7 @@ class Fit(eqx.Module):
         lower, upper = self.bounds()
         x = jnp.clip(x.astype(lower.dtype), lower[: x.size], upper[: x.size])
         if self.threshold is not None:
-            g = self.shape(x).step_response(self.record.t - self.record.step_time)
+            g = self.shape(x).step_response(self._elapsed)
             offset, amplitude = self._regression(g)
             levels = jnp.stack([offset - self.record.y[0], amplitude]) / self.range
             free = np.array([self.offset is None and self.final is None, self.gain is None])
@@ -200,13 +200,16 @@ class Fit(eqx.Module):
 
     # results
 
-    def errors(self, x: Coordinates) -> Samples:
-        """Weighted residuals over the range of the output."""
-        return self._errors(x, self.shape(x).step_response(self._elapsed))
+    def errors(self, x: Coordinates, g: Samples | None = None) -> Samples:
+        """Weighted residuals over the range of the output; g is the response where it is known."""
+        g = self.shape(x).step_response(self._elapsed) if g is None else g
+        offset, amplitude = self.levels(x, g)
+        return safe_sqrt(self.weights) * (self.record.y - offset - amplitude * g) / self.range
 
-    def residual(self, x: Coordinates) -> Samples:
+    def residual(self, x: Coordinates, g: Samples | None = None) -> Samples:
         """What is minimised: the sum of its squares is the loss."""
-        return self._loss(self.errors(x))
+        error = self.errors(x, g)
+        return error if self.threshold is None else huber_residual(error, self.threshold)
 
     def linearised(self, x: Array) -> tuple[Samples, list[Samples]]:
         """Residuals, and their derivative in each coordinate.
@@ -231,7 +234,7 @@ class Fit(eqx.Module):
                 moves[k] = -since * slope
             if self.free_delay:
                 moves[self.delay_place] = -self.duration * slope
-        residual, change = jax.linearize(lambda x, g: self._loss(self._errors(x, g)), x, g)
+        residual, change = jax.linearize(self.residual, x, g)
         unit = jnp.eye(x.size, dtype=x.dtype)
         return residual, [change(unit[k], move) for k, move in enumerate(moves)]
 
@@ -247,20 +250,13 @@ class Fit(eqx.Module):
     def _elapsed(self) -> Samples:
         return self.record.t - self.record.step_time
 
-    def _errors(self, x: Coordinates, g: Samples) -> Samples:
-        offset, amplitude = self.levels(x, g)
-        return safe_sqrt(self.weights) * (self.record.y - offset - amplitude * g) / self.range
-
-    def _loss(self, error: Samples) -> Samples:
-        return error if self.threshold is None else huber_residual(error, self.threshold)
-
-    def plant(self, x: Coordinates) -> AbstractPlant:
-        """The whole model at coordinates; what is known is returned exactly as given."""
+    def plant(self, x: Coordinates) -> tuple[AbstractPlant, Samples]:
+        """The whole model at coordinates, what is known exactly as given; and its response g."""
         shape = self.shape(x, exact=True)
-        g = shape.step_response(self.record.t - self.record.step_time)
+        g = shape.step_response(self._elapsed)
         offset, amplitude = self.levels(x, g)
         gain = amplitude / self.record.step_size if self.gain is None else self.gain
-        return eqx.tree_at(lambda m: (m.gain, m.offset), shape, (gain, offset))
+        return eqx.tree_at(lambda m: (m.gain, m.offset), shape, (gain, offset)), g
 
     def on_bound(self, x: Array) -> dict[str, Array]:
         """Whether each free parameter lies on a bound of its coordinate."""
@@ -292,12 +288,11 @@ class Fit(eqx.Module):
         ]
         return jnp.stack(flags) if flags else jnp.zeros(0, bool)
 
-    def settled_status(self, fitted: AbstractPlant) -> Status:
+    def settled_status(self, g: Samples) -> Status:
         """A warning where a gain to be found is extrapolated."""
         if self.gain is not None or self.final is not None:
             return Status.successful
-        reached = fitted.unit_response(self.duration - fitted.delay)
-        return Status.where(reached < SETTLED, Status.not_settled, Status.successful)
+        return Status.where(g[-1] < SETTLED, Status.not_settled, Status.successful)
 
     def bound_status(self, x: Array) -> Status:
         """A warning where an own parameter lies on a bound; no dead time is no warning."""

@@ -203,7 +203,7 @@ class Hudzovic(AbstractChain):
     def lags(self) -> Lags:
         """T_k, ascending."""
         length, used = _positions(self.n)
-        rates = jnp.stack([one_minus_multiple(k, self.r) for k in range(length)])
+        rates = one_minus_multiple(np.arange(length), self.r)
         return jnp.where(used, self.T / jnp.where(used, rates, 1), 0)
 
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
@@ -357,13 +357,14 @@ class SOPDT(AbstractPlant):
         return np.array([-zeta * omega_n + 1j * damped, -zeta * omega_n - 1j * damped])
 
 
-def one_minus_multiple(k: int | Array, r: Scalar) -> Array:
+def one_minus_multiple(k: int | np.ndarray | Array, r: Scalar) -> Array:
     """`1 - k r` without the rounding error of `k r`, for a whole 0 <= k < 2^8.
 
     Subtracts power-of-two multiples of r: near `k r = 1` each partial difference is exact
     (Sterbenz), so that Hudzovic's lags keep their digits up to the end of the range of r.
     """
     value = jnp.ones_like(r)
-    for bit in reversed(range(k.bit_length() if isinstance(k, int) else 8)):
+    bits = 8 if isinstance(k, Array) else int(np.max(k)).bit_length()
+    for bit in reversed(range(bits)):
         value = value - (k >> bit & 1) * (1 << bit) * r
     return value

@@ -1,6 +1,5 @@
 r"""The optimum of a fit, and its derivatives by the implicit function theorem."""
 
-import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -42,17 +41,19 @@ def optimum(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
     lower, upper = fit.bounds()
     if not fit.kinked or not isinstance(solver, BoundedLevenbergMarquardt):
         return _solve(fit, start, lower, upper, solver, max_steps)[0]
-
-    loose = dataclasses.replace(solver, rtol=max(LOOSE, solver.rtol))
-    first, _ = _solve(fit, start, lower, upper, loose, max_steps)
     place = fit.delay_place
-    left, right = _cells(fit, first.x[place], upper[place])
+    loose = jnp.maximum(LOOSE, solver.rtol)
 
-    def search(left, right):
+    def search(first, cell):
+        left, right = _cell(fit, first.x[place], upper[place], cell)
         low, high = lower.at[place].set(left), upper.at[place].set(right)
-        return _solve(fit, jnp.clip(first.x, low, high), low, high, solver, max_steps)
+        within = eqx.tree_at(lambda s: s.rtol, solver, jnp.where(cell < 0, loose, solver.rtol))
+        found, cost = _solve(fit, jnp.clip(first.x, low, high), low, high, within, max_steps)
+        first = jax.tree.map(lambda a, b: jnp.where(cell < 0, a, b), found, first)
+        return first, (found, jnp.where(cell < 0, jnp.inf, cost))
 
-    found, cost = jax.vmap(search)(left, right)
+    first = Optimum(start, jnp.array(False), jnp.array(0))
+    first, (found, cost) = jax.lax.scan(search, first, jnp.arange(-1, CELLS))
     best = jax.tree.map(lambda x: x[jnp.argmin(cost)], found)
     return best._replace(steps=first.steps + best.steps)
 
@@ -73,18 +74,18 @@ def _solve(fit, start, lower, upper, solver, max_steps) -> tuple[Optimum, Array]
     return Optimum(x, converged, solution.stats["num_steps"]), cost
 
 
-def _cells(fit: Fit, delay: Array, longest: Array) -> tuple[Array, Array]:
-    """Left and right ends of the intervals between samples around a dead time.
+def _cell(fit: Fit, delay: Array, longest: Array, cell: Count) -> tuple[Array, Array]:
+    """Ends of the interval number `cell` of those around a dead time; below 0: the whole range.
 
     They lie a rounding error inside, where the slope of the response at the sample is one-sided.
     """
     elapsed = (fit.record.t - fit.record.step_time) / fit.duration
-    place = jnp.searchsorted(elapsed, delay, side="right") - 1 - CELLS // 2
-    index = jnp.clip(place + jnp.arange(CELLS + 1), 0, elapsed.size - 1)
-    edges = jnp.clip(elapsed[index], 0, longest)
-    margin = jnp.finfo(elapsed.dtype).eps ** 0.5 * jnp.diff(edges)
-    left = jnp.where(edges[:-1] > 0, edges[:-1] + margin, 0)
-    right = jnp.where(edges[1:] < longest, edges[1:] - margin, longest)
+    place = jnp.searchsorted(elapsed, delay, side="right") - 1 - CELLS // 2 + cell
+    index = jnp.clip(jnp.stack([place, place + 1]), 0, elapsed.size - 1)
+    left, right = jnp.clip(elapsed[index], 0, longest)
+    margin = jnp.finfo(elapsed.dtype).eps ** 0.5 * (right - left)
+    left = jnp.where((left > 0) & (cell >= 0), left + margin, 0)
+    right = jnp.where((right < longest) & (cell >= 0), right - margin, longest)
     return left, jnp.maximum(left, right)
 
 

@@ -123,21 +123,21 @@ def _refine(record, model, fixed, weights, loss, solver, max_steps) -> Identific
         fit, found, noise["noise_level"] = _robust(fit, solver, max_steps)
     else:
         found = optimum(fit, fit.start(), solver, max_steps)
-    fitted = fit.plant(found.x)
+    fitted, g = fit.plant(found.x)
     status = first_problem(
         record_problem,
         Status.where(found.converged, Status.successful, Status.not_converged),
-        fit.settled_status(fitted),
+        fit.settled_status(g),
         fit.bound_status(found.x),
     )
     free = fit.free_names()
-    loss_value = jnp.sum(fit.residual(found.x) ** 2) * fit.range**2
+    loss_value = jnp.sum(fit.residual(found.x, g) ** 2) * fit.range**2
     details = {
         "steps": found.steps,
         "at_bound": fit.at_bound(found.x),
         "aicc": aicc(loss_value, jnp.sum(fit.weights > 0), len(free)),
     }
-    result = conclude(safe, fitted, status, free=free, details=details | noise)
+    result = conclude(safe, fitted, status, response=g, free=free, details=details | noise)
     return dataclasses.replace(result, record=record)
 
 

@@ -112,8 +112,11 @@ class Identification(eqx.Module):
 
 def predict(model: AbstractPlant, record: "StepRecord", t) -> Samples:
     """offset + step_size gain g(t - step_time - delay)."""
-    unit = model.step_response(t - record.step_time) - model.offset
-    return model.offset + record.step_size * unit
+    return _scaled(model, record, model.unit_response(t - record.step_time - model.delay))
+
+
+def _scaled(model: AbstractPlant, record: "StepRecord", response: Samples) -> Samples:
+    return model.offset + record.step_size * model.gain * response
 
 
 def conclude(
@@ -121,32 +124,35 @@ def conclude(
     model: AbstractPlant,
     status: Status,
     *,
-    std: dict[str, Array] | None = None,
-    covariance: Array | None = None,
+    response: Samples | None = None,
     free: tuple[str, ...] = (),
     details: dict[str, Array] | None = None,
 ) -> Identification:
-    """Result of a method: errors over the rows from the step on, NaN where the status refuses."""
+    """Result of a method: errors over the rows from the step on, NaN where the status refuses.
+
+    `response` is that of the model for gain 1 and offset 0 at the times of the record, where it is
+    known already.
+    """
     model = nan_where(refused(status), model)
     rows = record.after_step
-    residual = jnp.where(rows, record.y - predict(model, record, record.t), 0)
+    if response is None:
+        prediction = predict(model, record, record.t)
+    else:
+        prediction = _scaled(model, record, response)
+    residual = jnp.where(rows, record.y - prediction, 0)
     count = jnp.sum(rows)
     mean = jnp.sum(jnp.where(rows, record.y, 0)) / count
     spread = jnp.sum(jnp.where(rows, record.y - mean, 0) ** 2)
     square = residual**2
     interval = jnp.where(rows[:-1], jnp.diff(record.t), 0)
-    if std is None:
-        std = dict.fromkeys(parameter_names(model), jnp.full((), jnp.nan, residual.dtype))
-    if covariance is None:
-        covariance = jnp.full((len(free), len(free)), jnp.nan, residual.dtype)
     return Identification(
         model=model,
         status=status,
         rmse=safe_sqrt(jnp.sum(square) / count),
         J=jnp.sum(interval * (square[:-1] + square[1:]) / 2),
         fit_percent=100 * (1 - safe_sqrt(jnp.sum(square) / spread)),
-        std=nan_where(refused(status), std),
-        covariance=nan_where(refused(status), covariance),
+        std=dict.fromkeys(parameter_names(model), jnp.full((), jnp.nan, residual.dtype)),
+        covariance=jnp.full((len(free), len(free)), jnp.nan, residual.dtype),
         free=free,
         details={} if details is None else details,
         record=record,

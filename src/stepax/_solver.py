@@ -74,10 +74,10 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         del tags
         lower, upper = options["lower"], options["upper"]
         new, like, y = state.candidate, y, jnp.stack(list(y))
-        residual, aux = fn(_similar(new, like), args)
         if "linearised" in options:
-            residual, jacobian = options["linearised"](args, new)
+            (residual, jacobian), aux = options["linearised"](args, new), None
         else:
+            residual, aux = fn(_similar(new, like), args)
             jacobian = columns(lambda *x: fn(_similar(jnp.stack(x), like, x), args)[0], new)
         products = inner_products([*jacobian, residual])
         cost = 0.5 * products[-1, -1]
