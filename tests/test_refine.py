@@ -154,6 +154,42 @@ def test_normal_equations_serve_where_parameters_are_hard_to_tell():
     assert cost[0] <= cost[1] * (1 + 1e-6)
 
 
+def test_a_long_last_step_is_not_taken_unseen():
+    """It promises 1e-10 of the cost, and would lead to a cost 1e8 times as high."""
+    found = optx.least_squares(
+        lambda x, _: jnp.stack([jnp.ones_like(x[0]), 1e-5 + 1e-7 * x[0] + x[0] ** 2]),
+        stepax.BoundedLevenbergMarquardt(rtol=1e-8),
+        (jnp.array(0.0, float),),
+        options={"lower": jnp.array([-200.0]), "upper": jnp.array([200.0])},
+        throw=False,
+    )
+    assert abs(float(found.value[0])) < 1e-2
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_second_lag_shorter_than_a_sample_has_two_minima(seed):
+    """The optimum is as low as the best of SciPy's from 12 starts."""
+    plant = SOPDT(zeta=3.2, omega_n=0.8, gain=2.0, offset=5.0, delay=2.3)
+    record = simulated(plant, noise=0.1, seed=seed)
+    result = COMPILED(record, START["SOPDT"])
+
+    @jax.jit
+    def residual(x):
+        model = SOPDT(zeta=x[0], omega_n=x[1], gain=x[2], offset=x[3], delay=x[4])
+        return record.y - stepax._result.predict(model, record, record.t)
+
+    def least(lag, delay):
+        zeta, omega_n = (7.8 + lag) / 2 / np.sqrt(7.8 * lag), 1 / np.sqrt(7.8 * lag)
+        start, upper = [zeta, omega_n, 2.0, 5.0, delay], [200, 100, 10, 10, 50]
+        return least_squares(
+            residual, start, bounds=([0, 0, -10, -10, 0], upper), x_scale="jac", xtol=1e-12
+        ).cost
+
+    best = min(least(lag, delay) for lag in (0.02, 0.15, 0.6) for delay in (1.9, 2.15, 2.4, 2.7))
+    cost = float(jnp.sum((record.y - result.predict(record.t)) ** 2)) / 2
+    assert cost <= best * (1 + 1e-5)
+
+
 @pytest.mark.parametrize("threshold", [None, 0.01], ids=["squares", "huber"])
 @pytest.mark.parametrize("family", TRUE)
 def test_linearised_is_the_jacobian(family, threshold):

@@ -29,6 +29,14 @@ LOG_DAMPING = (math.log1p(200.0**-2), math.log1p(0.005**-2))
 """Bounds of $\\ln(1 + 1/\\zeta^2)$: damping from 200 down to 0.005."""
 
 
+class Ratio(NamedTuple):
+    """The coordinate that tells the ratio of the two largest lags: its place, and both maps."""
+
+    place: int
+    encode: Callable[[Array], Array]
+    decode: Callable[[Array], Array]
+
+
 class Family(NamedTuple):
     """`names` of the own parameters, one coordinate each (all coordinates for `lags`).
 
@@ -36,7 +44,7 @@ class Family(NamedTuple):
     not a coordinate, the order of a chain, is taken from the model. At the end of a contrast the
     slope of r is infinite: `decode` stays a rounding error inside unless `exact`. `bounds` hold
     for a record of unit length; `time_powers` is how each coordinate moves with the logarithm of
-    the length.
+    the length. `ratio` is that of the two largest lags, where it can vary.
     """
 
     names: tuple[str, ...]
@@ -44,12 +52,14 @@ class Family(NamedTuple):
     decode: Callable[[Coordinates, AbstractPlant, bool], dict[str, Array]]
     bounds: tuple[tuple[float, float], ...]
     time_powers: tuple[float, ...]
+    ratio: Ratio | None = None
 
 
 def family_of(model: AbstractPlant) -> Family:
     """Coordinates of a model's family."""
     if isinstance(model, Hudzovic | Sani):
-        return Family(("T", "r"), _encode_chain, _decode_chain, (LOG_TIME, CONTRAST), (1, 0))
+        bounds, ratio = (LOG_TIME, CONTRAST), Ratio(1, _encode_ratio, _decode_ratio)
+        return Family(("T", "r"), _encode_chain, _decode_chain, bounds, (1, 0), ratio)
     if isinstance(model, FOPDT) or _is_whole(model):
         return Family(("T",), _encode_T, _decode_T, (LOG_TIME,), (1,))
     if isinstance(model, EqualLag):
@@ -57,11 +67,14 @@ def family_of(model: AbstractPlant) -> Family:
         return Family(("T", "n"), _encode_equal_lags, _decode_equal_lags, bounds, (1, 0))
     if isinstance(model, SOPDT):
         bounds = (LOG_DAMPING, LOG_TIME)
-        return Family(("zeta", "omega_n"), _encode_second, _decode_second, bounds, (0, 1))
+        names, ratio = ("zeta", "omega_n"), Ratio(0, _encode_damping, _decode_damping)
+        return Family(names, _encode_second, _decode_second, bounds, (0, 1), ratio)
     if isinstance(model, PTn):
         more = model.lags.shape[0] - 1
         bounds = (LOG_TIME,) + (CONTRAST,) * more
-        return Family(("lags",), _encode_lags, _decode_lags, bounds, (1,) + (0,) * more)
+        powers, ratio = (1,) + (0,) * more, Ratio(1, _encode_ratio, _decode_ratio)
+        ratio = ratio if more else None
+        return Family(("lags",), _encode_lags, _decode_lags, bounds, powers, ratio)
     raise TypeError(f"refine needs a stepax model, got {type(model).__name__}.")
 
 
@@ -83,7 +96,7 @@ def _encode_ratio(s) -> Array:
     return jnp.clip((contrast**2 - near) / (1 - near - far), 0, 1)
 
 
-def _decode_ratio(x, exact: bool) -> Array:
+def _decode_ratio(x, exact: bool = False) -> Array:
     """Ratio s of two lags or rates at a coordinate; exactly 1 or 0 at its ends, if so wished."""
     near, far = _inside(x.dtype)
     contrast = jnp.sqrt(near + (1 - near - far) * x)
@@ -133,6 +146,17 @@ def _encode_second(model) -> Array:
 def _decode_second(x, model, exact) -> dict[str, Array]:
     zeta = 1 / jnp.sqrt(jnp.expm1(x[0]))
     return {"zeta": zeta, "omega_n": jnp.sqrt(1 + 4 * zeta**2) * jnp.exp(-x[1])}
+
+
+def _encode_damping(s) -> Array:
+    """The coordinate of the damping at a ratio s of two lags: 1/zeta^2 = 4 s/(1 + s)^2."""
+    return jnp.log1p(4 * s / (1 + s) ** 2)
+
+
+def _decode_damping(x) -> Array:
+    """That ratio; 1 for all that oscillates."""
+    square = jnp.minimum(jnp.expm1(x), 1)
+    return square / (1 + jnp.sqrt(1 - square)) ** 2
 
 
 def _encode_lags(model) -> Array:

@@ -19,6 +19,9 @@ SETTLED = 0.95
 LONGEST_DELAY = 0.95
 """Largest dead time, relative to the length of the record."""
 
+FEW_SAMPLES = 6
+"""Length of a second lag, in sampling intervals, from which on it has one optimum."""
+
 
 class Fit(eqx.Module):
     r"""Residuals of a record as a function of a few coordinates.
@@ -154,13 +157,37 @@ class Fit(eqx.Module):
             x = jnp.append(x, levels[np.flatnonzero(free)])
         return jax.lax.stop_gradient(x)
 
-    def shape(self, x: Coordinates, exact: bool = False) -> AbstractPlant:
-        """Plant with gain 1 and offset 0 at coordinates; `exact` at the end of a range."""
+    def second_start(self, x: Coordinates) -> Coordinates | None:
+        """Another place to start from where the optimum at x may not be the only one.
+
+        With the dead time free, a second lag shorter than some samples can trade places with it:
+        there the lag is half a sampling interval, and the dead time makes up for it. Elsewhere x
+        itself; None for models that have no such lag.
+        """
+        ratio, own = self.family.ratio, self.own_free
+        if ratio is None or not own[ratio.place] or not self.free_delay:
+            return None
+        place, full = int(own[: ratio.place].sum()), self._full(x)
+        total = jnp.exp(full[self.family.time_powers.index(1)])
+        interval = self.duration / jnp.sum(self.record.after_step)
+        before, after = ratio.decode(full[ratio.place]), interval / (2 * total)
+        other = x.at[place].set(ratio.encode(after))
+        other = other.at[self.delay_place].add((before - after) * total / self.duration)
+        return jnp.where(
+            before * total < FEW_SAMPLES * interval, jnp.clip(other, *self.bounds()), x
+        )
+
+    def _full(self, x: Coordinates) -> list[Array]:
+        """All own coordinates, in the unit of time of the record."""
         full = list(self.family.encode(self.model).astype(self.record.t.dtype))
         shift = self._shift()
         for position, i in enumerate(np.flatnonzero(self.own_free)):
             full[i] = x[position] + shift[i]
-        own = self.family.decode(full, self.model, exact)
+        return full
+
+    def shape(self, x: Coordinates, exact: bool = False) -> AbstractPlant:
+        """Plant with gain 1 and offset 0 at coordinates; `exact` at the end of a range."""
+        own = self.family.decode(self._full(x), self.model, exact)
         own |= {k: getattr(self.model, k) for k in own if k in self.fixed}
         order = getattr(self.model, "n", None)
         if order is not None:

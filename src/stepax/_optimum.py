@@ -34,13 +34,40 @@ def optimum(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
 
     The cost of a first-order plant has a kink and often a minimum wherever the dead time meets a
     sample; between samples it is smooth. So each of the intervals around a first estimate is
-    searched on its own, and the best is kept.
+    searched on its own. That of nearly first-order plants may have two minima: it is searched from
+    a second start too. The best is kept.
     """
     if start.size == 0:
         return Optimum(start, jnp.array(True), jnp.array(0))
     lower, upper = fit.bounds()
-    if not fit.kinked or not isinstance(solver, BoundedLevenbergMarquardt):
-        return _solve(fit, start, lower, upper, solver, max_steps)[0]
+    if isinstance(solver, BoundedLevenbergMarquardt) and fit.kinked:
+        return _between_samples(fit, start, solver, max_steps)
+    if isinstance(solver, BoundedLevenbergMarquardt) and fit.second_start(start) is not None:
+        return _from_two_starts(fit, start, solver, max_steps)
+    return _solve(fit, start, lower, upper, solver, max_steps)[0]
+
+
+def _from_two_starts(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
+    """The better of the optima from `start` and from the second start that the first suggests."""
+    lower, upper = fit.bounds()
+
+    def search(best, second):
+        best, least = best
+        begin = jnp.where(second, fit.second_start(best.x), best.x)
+        found, cost = _solve(fit, begin, lower, upper, solver, max_steps)
+        steps = best.steps + found.steps
+        found, cost = jax.tree.map(
+            lambda new, old: jnp.where(cost <= least, new, old), (found, cost), (best, least)
+        )
+        return (found._replace(steps=steps), cost), None
+
+    nothing = Optimum(start, jnp.array(False), jnp.array(0)), jnp.array(jnp.inf, start.dtype)
+    return jax.lax.scan(search, nothing, jnp.array([False, True]))[0][0]
+
+
+def _between_samples(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
+    """The best of the optima in the intervals between samples around a first estimate."""
+    lower, upper = fit.bounds()
     place = fit.delay_place
     loose = jnp.maximum(LOOSE, solver.rtol)
 

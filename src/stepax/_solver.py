@@ -40,7 +40,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     again. It ends when the decrease of the cost that a full Gauss-Newton step promises is at most
     `rtol` of the cost, or the cost is at most `atol`, or only short steps lower it, and hardly: a
     minimum at a kink, such as a dead time on a sample. The result is the best point seen, and from
-    there the step that promised so little.
+    there the step that promised so little, unless it is long.
 
     Parameters are a tuple of numbers, or a row of them. With a tuple, the derivative in one does
     not compute what depends on the others alone. Bounds come in `options`: `dict(lower=...,
@@ -119,8 +119,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             converged=finite & (good | stalled),
             failed=~finite,
         )
-        # A step that promises next to nothing is taken without a last look.
-        y = jnp.where(finite & good, candidate, y)
+        # A short step that promises next to nothing is taken without a last look.
+        short = jnp.max(jnp.abs(move)) <= self.rtol ** (1 / 3)
+        y = jnp.where(finite & good & short, candidate, y)
         return _similar(y, like), new_state, aux
 
     def terminate(self, fn, y, args, options, state, tags) -> tuple[Bool[Array, ""], optx.RESULTS]:
