@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from io import StringIO
 
 import jax.numpy as jnp
@@ -108,7 +109,8 @@ def test_report():
     std = {"T": 0.123, "gain": 0.01, "offset": 0.0, "delay": math.nan}
     std = {name: jnp.asarray(value) for name, value in std.items()}
     model = FOPDT(T=10.0, gain=5.0, offset=20.0)
-    result = identification(model, std=std, free=("T", "gain", "delay"))
+    result = identification(model, free=("T", "gain", "delay"))
+    result = replace(result, std=std)
     text = text_of(report(result, "fopdt_fit"))
     assert "Model FOPDT by fopdt_fit" in text and "G(s) = 5 / (1 + 10 s)" in text
     assert "9.76 to 10.24" in text and "degC/%" in text and "fixed" in text
