@@ -1,4 +1,4 @@
-"""Least-squares fits per second: `python -m experiments.benchmarks.fit [--json OUT] [--only K ...]`.
+"""Least-squares fits per second: `python -m experiments.benchmarks.fit [--json OUT] [--only K]`.
 
 Four engines on the same records (200 samples from 0 to about 99 % of the change, 2 % white noise),
 from the same starts: (a) `stepax.refine`; (b) `jax.vmap` of `optimistix.LevenbergMarquardt` on
