@@ -273,9 +273,9 @@ def test_ptn_fit_finds_the_number_of_lags():
     record = simulated(PTn(lags=[8.0, 5.0, 2.0], gain=2.0, offset=5.0), noise=0.0005)
     fit = stepax.METHODS["ptn_fit"]
     result = fit(record, fixed=("delay",))
-    assert result.model.lags.shape == (4,) and float(result.model.lags[3]) == 0
+    assert result.model.lags.shape == (5,) and not np.any(result.model.lags[3:])
     np.testing.assert_allclose(result.model.lags[:3], [8.0, 5.0, 2.0], rtol=0.05)
-    assert np.isfinite(result.std["lags"]).all() and float(result.std["lags"][3]) == 0
+    assert np.isfinite(result.std["lags"]).all() and not np.any(result.std["lags"][3:])
     alone = fit(record, order=3, fixed=("delay",))
     np.testing.assert_allclose(alone.model.lags, result.model.lags[:3], rtol=1e-6)
     with pytest.raises(ValueError, match="order"):

@@ -13,7 +13,7 @@ from ._certainty import HUBER, aicc, with_errors
 from ._contour import accuracy
 from ._coordinates import family_of
 from ._curves import DEFAULT_ORDERS, check_orders
-from ._fit import Fit, weights_of
+from ._fit import Fit, least_loss, weights_of
 from ._models import AbstractPlant, EqualLag, Hudzovic, Sani
 from ._optimum import Optimum, optimum
 from ._record import StepRecord, usable_record
@@ -116,7 +116,7 @@ def _refine(record, model, fixed, weights, loss, solver, max_steps) -> Identific
     fit = Fit(safe, model, weights_of(record, weights), fixed)
     if solver is None:
         eps = float(jnp.finfo(safe.y.dtype).eps)
-        atol = 0.5 * accuracy(safe.y.dtype) ** 2 * safe.y.size
+        atol = 0.5 * least_loss(safe.y.dtype, safe)
         solver = BoundedLevenbergMarquardt(rtol=eps**0.5, atol=atol)
     noise = {}
     if loss == "huber":

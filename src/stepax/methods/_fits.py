@@ -22,7 +22,7 @@ from .._result import Identification
 from .._types import Scalar
 
 
-INDIVIDUAL_ORDERS = range(2, 5)
+INDIVIDUAL_ORDERS = range(2, 6)
 """Numbers of lags that `ptn_fit` tries."""
 
 START_LEVELS = (0.283, 0.632)
@@ -112,11 +112,10 @@ def ptn_fit(
 
     As many lags as `order`, largest first. "auto" fits each number in `orders` and keeps the
     smallest whose AICc is within 2 of the best; the model then has max(`orders`) lags, those not
-    used 0. By default 2 to 4: noise of 0.1 % of the change already hides a fifth lag. Lags nearer
-    to each other than the record can tell come out equal, with the warning `at_bound`. Options and
-    status otherwise as in `hudzovic_fit`.
+    used 0. Default 2 to 5: with a free dead time no record tells more; for a plant of high order
+    without one ask for `orders=range(2, 9)`. Lags that the record cannot tell apart come out equal,
+    with the warning `at_bound`. Options and status otherwise as in `hudzovic_fit`.
     """
-
     orders = tuple(orders)
 
     def start(n):
