@@ -5,16 +5,16 @@ import math
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import special
-from scipy.optimize import brentq
-
-import stepax
 from experiments.jakoubek import __main__ as program
 from experiments.jakoubek import cells, charts, prechar, ranking, tables_1_3
 from experiments.jakoubek.conclusions import claims
 from experiments.jakoubek.independent import CORRECT
 from experiments.jakoubek.published import METHODS, REPRODUCED, TABLES
 from experiments.jakoubek.systems import GAIN, SYSTEMS, chain, record_of
+from scipy import special
+from scipy.optimize import brentq
+
+import stepax
 from stepax._compare import squared_deviation
 
 
@@ -61,12 +61,8 @@ def test_programs_faults_explain_the_published_values_of_strejc():
 
 
 def test_published_errors_belong_to_published_parameters():
-    # but for two misprinted models: V1 on S3, and Strejc on S4 and S5, whose J are of other lags
-    misprinted = [("S3", "viteckova_1"), ("S4", "strejc"), ("S5", "strejc")]
-    rows = [row_of(*key) for key in CELLS if key not in misprinted]
-    ratios = [x.printed.J / x.J["published"] for x in rows if x.J["published"] > 1e-3]
-    deviations = np.abs(np.array(ratios) - 1)
-    assert np.sum(deviations < 0.02) == len(ratios) - 2
+    deviations = np.abs(cells.published_errors() - 1)
+    assert np.sum(deviations < 0.02) == len(deviations) - 2
     assert np.median(deviations) < 7e-3
 
 

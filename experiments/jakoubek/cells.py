@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments.jakoubek import prechar
 from experiments.jakoubek.independent import CORRECT, Correct
-from experiments.jakoubek.published import METHODS, TABLES, Cell, half_unit
+from experiments.jakoubek.published import METHODS, OTHER_J, TABLES, Cell, half_unit
 from experiments.jakoubek.systems import GAIN, SYSTEMS, System, chain, record_of, response
 from stepax import PTn, Status, StepRecord, identify
 from stepax._compare import squared_deviation
@@ -167,6 +167,15 @@ def errors(name: str, stage: str) -> dict[str, float]:
 def smith_with_dead_time(name: str) -> Reading:
     """Smith on one system after the dead time of eq. 11 is taken off, which the paper announces."""
     return _read("smith", SYSTEMS[name].record(), SYSTEMS[name], dead_time=True)
+
+
+def published_errors() -> np.ndarray:
+    """J of the printed models over the printed J, where that is above 1e-3 and of that model.
+
+    Below, J is as large as the rounding of the printed parameters.
+    """
+    kept = [row for key, row in all_rows().items() if key not in OTHER_J]
+    return np.array([x.printed.J / x.J["published"] for x in kept if x.J["published"] > 1e-3])
 
 
 def all_rows() -> dict[tuple[str, str], Row]:

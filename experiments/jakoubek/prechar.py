@@ -1,8 +1,8 @@
 """What Prechar, the program of the paper, did to a step response; plain NumPy.
 
-The paper does not say how it sampled and read. One law explains all 39 printed quantities that
-depend on it: a sampling interval of 0.002 times the sum of the time constants, and the first
-sample at or above a level as the time of that level. Strejc's method read the output without
+The paper does not say how it sampled and read. One law explains the printed parameters of every
+cell that its formulae can give: a sampling interval of 0.002 times the sum of the time constants,
+and the first sample at or above a level as the time of that level. Strejc's method read the output without
 dividing it by the gain, and chose its order downwards (both inferred from tables 5 to 8).
 """
 

@@ -149,6 +149,9 @@ TABLES = {
 }  # fmt: skip
 """Tables 4 to 8 by system, in the order of the paper: by its J."""
 
+OTHER_J = (("S3", "viteckova_1"), ("S4", "strejc"), ("S5", "strejc"))
+"""Cells whose printed J does not belong to the printed, misprinted model."""
+
 LATZEL = (
     (2, "0.137", "1.880", "0.596", "0.257"),
     (2.5, "0.174", "1.245", "0.460", "0.216"),
