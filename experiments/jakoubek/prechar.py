@@ -2,8 +2,8 @@
 
 The paper does not say how it sampled and read. One law explains the printed parameters of every
 cell that its formulae can give: a sampling interval of 0.002 times the sum of the time constants,
-and the first sample at or above a level as the time of that level. Strejc's method read the output without
-dividing it by the gain, and chose its order downwards (both inferred from tables 5 to 8).
+and the first sample at or above a level as the time of that level. Strejc's method read the output
+without dividing it by the gain, and chose its order downwards (both inferred from tables 5 to 8).
 """
 
 import numpy as np
