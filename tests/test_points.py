@@ -1,6 +1,5 @@
 """The seven classical methods: tables, curves, the cells of Jakoubek's paper, invariances."""
 
-import functools
 import re
 
 import jax
@@ -11,6 +10,8 @@ import pytest
 from points import (
     SYSTEMS,
     chain,
+    check_invariance,
+    gradient,
     lags_of,
     oscillation,
     parameters,
@@ -19,6 +20,7 @@ from points import (
     run,
     squared_error,
     system_row,
+    transformed,
 )
 from scipy import interpolate, optimize, special
 
@@ -221,6 +223,10 @@ MISPRINTED_HEIGHT = 0.359
 """y_i of n = 4 in the paper's table 3, with which the value of the cell S5, Strejc was computed."""
 
 
+def error_of(lags, system, delay=0.0):
+    return squared_error(lambda t: chain(t, lags), system, delay)
+
+
 @seven
 def test_cells_of_the_paper(name):
     rows = [system_row(system) for system in SYSTEMS]
@@ -237,7 +243,7 @@ def test_cells_of_the_paper(name):
             found = check_misprinted_height(result, k, found)
         np.testing.assert_allclose(sorted(found), sorted(lags), rtol=6e-5)
         np.testing.assert_allclose(dead, delay, rtol=6e-5, atol=1e-7)
-        np.testing.assert_allclose(squared_error(found, plant, dead), J, rtol=1e-4, atol=1e-13)
+        np.testing.assert_allclose(error_of(found, plant, dead), J, rtol=1e-4, atol=1e-13)
 
 
 def check_misprinted_height(result, k, found):
@@ -245,7 +251,7 @@ def check_misprinted_height(result, k, found):
     time_of = lambda y: optimize.brentq(lambda t: chain(t, SYSTEMS["S5"]) - y, 0.1, 9, xtol=1e-14)  # noqa: E731
     np.testing.assert_allclose(found, [time_of(0.353) / 3] * 4, rtol=1e-7)
     np.testing.assert_allclose(result.details["y_i"][k], 0.353)
-    assert squared_error(found, SYSTEMS["S5"]) < 0.5 * CELLS["S5", "strejc"][2]
+    assert error_of(found, SYSTEMS["S5"]) < 0.5 * CELLS["S5", "strejc"][2]
     return [time_of(MISPRINTED_HEIGHT) / 3] * 4
 
 
@@ -291,43 +297,15 @@ def test_a_fractional_order_of_latzel():
 # ---- invariances
 
 
-def transformed(name, system):
-    """The same plant told in other units: rows, and what becomes of the parameters."""
-    d = 0.3 * sum(SYSTEMS[system])
-    changes = [
-        {},
-        {"gain": 1.0},
-        {"gain": -2.5},
-        {"step_size": 3.0},
-        {"step_size": -0.4, "gain": 0.7},
-        {"unit": 60.0},
-        {"offset": 40.0},
-        {"step_time": 12.0, "offset": -7.0},
-        {"delay": d, "dead": d},
-        {"dead": d},
-    ]
-    return [system_row(system, **change) for change in changes], changes
-
-
 @seven
 @pytest.mark.parametrize("system", ["S3", "S4"])
 def test_invariances(name, system):
-    rows, changes = transformed(name, system)
+    rows, changes = transformed(system)
     result = run(name, rows)
     if CELLS[system, name] is None:
         assert (result.status == Status.beyond_second_order).all()
         return
-    own = {k: np.asarray(v) for k, v in vars(result.model).items()}
-    for k, change in enumerate(changes[:-1]):
-        assert result.status._value[k] == result.status._value[0]
-        unit, d = change.get("unit", 1.0), change.get("delay", 0.0)
-        for field in own.keys() & {"lags", "T"}:
-            np.testing.assert_allclose(own[field][k], unit * own[field][0], rtol=1e-6, atol=1e-9)
-        np.testing.assert_allclose(own["delay"][k], unit * (own["delay"][0] + d), atol=2e-6 * unit)
-        np.testing.assert_allclose(own["gain"][k], change.get("gain", 2.0), rtol=1e-12)
-        np.testing.assert_allclose(own["offset"][k], change.get("offset", 0.0), atol=1e-12)
-        if "n" in own:
-            assert own["n"][k] == own["n"][0]
+    check_invariance(result, changes)
 
 
 @pytest.mark.parametrize(
@@ -336,7 +314,7 @@ def test_invariances(name, system):
 )
 @pytest.mark.parametrize("system", ["S3", "S4"])
 def test_a_delayed_record_moves_the_dead_time(name, factor, system):
-    rows, changes = transformed(name, system)
+    rows, changes = transformed(system)
     result = run(name, rows)
     k, d = len(rows) - 1, changes[-1]["dead"]
     raw = result.details["raw_delay"]
@@ -397,7 +375,7 @@ def test_smith_takes_off_a_dead_time_if_asked():
     np.testing.assert_allclose(result.model.delay[3:5], [0.90992, 0.91218], rtol=1e-5)
     for k, J in ((3, 0.0304), (4, 0.0196)):
         delay = float(result.model.delay[k])
-        error = squared_error(lags_of(result.model, k), list(SYSTEMS.values())[k], delay)
+        error = error_of(lags_of(result.model, k), list(SYSTEMS.values())[k], delay)
         np.testing.assert_allclose(error, J, rtol=3e-3)
 
 
@@ -543,37 +521,12 @@ def test_sizes_of_the_models():
 GRADIENT_SAMPLES = 300
 
 
-@functools.cache
-def compiled_gradient(name, seed=0):
-    """Gradient of a weighted sum of the parameters, and that sum."""
-
-    def one(y, t):
-        def total(y):
-            result = METHODS[name](StepRecord(t, y, initial=0.0, final=2.0))
-            values = parameters(result.model)
-            weights = 1 + jnp.arange(values.size) % 3
-            return jnp.sum(weights * values)
-
-        return jax.value_and_grad(total)(y)
-
-    return jax.jit(jax.vmap(one))
-
-
 @seven
 def test_gradients_with_respect_to_the_samples(name):
     """Finite, and those of finite differences along a smooth change."""
     systems = ["S3", "S3" if name == "smith" else "S5"]
     rows = [system_row(system, samples=GRADIENT_SAMPLES) for system in systems]
-    t, y = (np.array([r[i] for r in rows]) for i in (0, 1))
-    wave = y * (2 - y) * np.sin(t + np.arange(2)[:, None])
-    h = 1e-5
-    gradient = compiled_gradient(name)
-    _, slope = gradient(y, t)
-    assert np.isfinite(slope).all()
-    ahead, behind = (gradient(y + s * h * wave, t)[0] for s in (1, -1))
-    np.testing.assert_allclose(
-        np.sum(slope * wave, axis=1), (ahead - behind) / (2 * h), rtol=1e-4, atol=1e-6
-    )
+    np.testing.assert_allclose(*gradient(name, rows), rtol=1e-4, atol=1e-6)
 
 
 @seven
