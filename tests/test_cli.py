@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from stepax import FOPDT, Status
-from stepax._cli import EXAMPLES, model_class, run, set_up_jax
+from stepax import FOPDT, PTn, Status
+from stepax._cli import EXAMPLES, run, set_up_jax
 from stepax._curves import Lookup
 from stepax._result import conclude, refused
 from stepax.methods import METHODS
@@ -180,25 +180,10 @@ def test_methods(capsys, monkeypatch):
         """
 
     module = ModuleType("stepax.methods")
-    module.__dict__.update(METHODS={"strejc": strejc})
+    module.__dict__.update(METHODS={"strejc": strejc}, MODELS={"strejc": PTn})
     monkeypatch.setitem(sys.modules, "stepax.methods", module)
     out = success(capsys, "methods")
     assert "auto" in out and "Strejc's method: equal lags from Tu/Tg." in out and "PTn" in out
-
-
-@pytest.mark.parametrize(
-    ("method", "model"),
-    [
-        ("hudzovic_tu_tg", "Hudzovic"),
-        ("sani_interpolation", "Sani"),
-        ("smith", "PTn"),
-        ("latzel", "EqualLag"),
-        ("rdkam_fopdt", "FOPDT"),
-        ("rdkam", "SOPDT"),
-    ],
-)
-def test_model_class(method, model):
-    assert model_class(method) == model
 
 
 def test_lookup(capsys, monkeypatch):

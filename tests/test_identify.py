@@ -1,5 +1,6 @@
 """The front door: auto, named methods, comparison, real records."""
 
+import re
 from pathlib import Path
 
 import jax
@@ -8,19 +9,16 @@ import numpy as np
 import pytest
 
 import stepax
-from stepax import METHODS, SOPDT, Identification, Sani, Status, StepRecord, compare, identify
+from stepax import METHODS, Identification, Sani, Status, StepRecord, compare, identify
+from stepax.methods import MODELS
 
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 TIMES = np.linspace(0.0, 80.0, 240)
 PLANT = Sani(T=8.0, r=0.5, n=3, gain=2.0, offset=1.0)
-CLASSES = {
-    "hudzovic": stepax.Hudzovic,
-    "sani": Sani,
-    "ptn": stepax.PTn,
-    "fopdt": stepax.FOPDT,
-    "sopdt": SOPDT,
-}
+NAMED = [name for name in METHODS if re.match("hudzovic|sani|ptn|fopdt|sopdt", name)]
+NAMED += ["viteckova_1", "harriott", "strejc", "rangaiah_krishnaswamy", "tangent_63", "moments_ptn"]
+TANGENTS = ("tu_tg", "strejc", "tangent")
 
 
 @pytest.fixture(scope="module")
@@ -29,12 +27,12 @@ def record():
     return StepRecord(TIMES, np.asarray(PLANT.step_response(TIMES)) + noise, initial=1.0, final=3.0)
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", NAMED)
 def test_named_methods(record, name):
-    options = {"span": 0.1} if "tu_tg" in name else {}
+    options = {"span": 0.1} if any(word in name for word in TANGENTS) else {}
     result = identify(record, name, **options)
     assert isinstance(result, Identification)
-    assert type(result.model) is CLASSES[name.split("_")[0]]
+    assert type(result.model) is MODELS[name]
     assert not bool(stepax.refused(result.status)), Status[result.status]
     assert float(result.fit_percent) > 80
     residual = np.asarray(record.y - result.predict(record.t))

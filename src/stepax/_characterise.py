@@ -1,12 +1,12 @@
 """Characteristic times of a record: level crossings and the tangent at the inflection."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from ._models import as_real
 from ._preprocess import estimate_levels, lagrange_weights, smooth
@@ -43,7 +43,7 @@ def smoothed(record: StepRecord, span: float | None) -> Samples:
     return record.y if span is None else smooth(record.t, record.y, span)
 
 
-def _relative(record: StepRecord, span: float | None) -> Samples:
+def relative_response(record: StepRecord, span: float | None = None) -> Samples:
     """(y - initial)/(final - initial), 0 before the step."""
     initial, final = levels(record)
     change = final - initial
@@ -70,7 +70,7 @@ def crossing_times(
     a level (oscillation) do not count. NaN where the response never crosses.
     """
     q = as_real(levels).astype(record.t.dtype)
-    y = _relative(record, span)
+    y = relative_response(record, span)
     t = record.t - record.step_time
     times = jax.vmap(lambda level: _crossing(t, y, level))(jnp.atleast_1d(q))
     return times.reshape(q.shape)
@@ -81,24 +81,37 @@ def _crossing(t: Samples, y: Samples, level: Scalar) -> Scalar:
     upward = (y[:-1] < level) & (y[1:] >= level) & (rows < jnp.argmax(y))
     first = jnp.argmax(upward)
     last = y.shape[0] - 2 - jnp.argmax(upward[::-1])
-    time = 0.5 * (_interpolate(t, y, first, level) + _interpolate(t, y, last, level))
-    return jnp.where(jnp.any(upward), time, jnp.nan)
+    times = jax.vmap(lambda row: _interpolate(t, y, row, level))(jnp.stack([first, last]))
+    return jnp.where(jnp.any(upward), jnp.mean(times), jnp.nan)
 
 
-def _interpolate(t: Samples, y: Samples, row: Array, level: Scalar) -> Scalar:
-    """Where the cubic through the samples around `row` has a level between `row` and the next.
+def cubic_at(
+    t: Samples, y: Samples, row: Int[Array, "*shape"]
+) -> Callable[[Float[Array, "*shape"]], Float[Array, "*shape"]]:
+    """The cubic through the four samples around the interval from `row` to the next, as a function.
 
-    The samples all lie at or after the step, whose kink no polynomial follows.
+    The samples all lie at or after the step (t = 0), whose kink no polynomial follows.
     """
     first_row = jnp.minimum(jnp.argmax(t >= 0), y.shape[0] - 4)
     start = jnp.clip(row - 1, first_row, y.shape[0] - 4)
     nodes = [t[start + k] for k in range(4)]
     values = [y[start + k] for k in range(4)]
+
+    def value(x):
+        weights = lagrange_weights(nodes, x)
+        first, *others = (w * v for w, v in zip(weights, values, strict=True))
+        return sum(others, first)
+
+    return value
+
+
+def _interpolate(t: Samples, y: Samples, row: Array, level: Scalar) -> Scalar:
+    """Where the cubic around `row` has a level between `row` and the next."""
     low, high = t[row], t[row + 1]
+    cubic = cubic_at(t, y, row)
 
     def distance(x):
-        weights = lagrange_weights(nodes, x)
-        return sum(w * v for w, v in zip(weights, values, strict=True)) - level
+        return cubic(x) - level
 
     def narrow(_, bracket):
         low, high = bracket
@@ -109,10 +122,33 @@ def _interpolate(t: Samples, y: Samples, row: Array, level: Scalar) -> Scalar:
     bits = jnp.finfo(t.dtype).nmant
     low, high = jax.lax.fori_loop(0, bits // 2, narrow, jax.lax.stop_gradient((low, high)))
     x = 0.5 * (low + high)
-    for _ in range(2):  # Newton: from half the digits to all, and the derivative of the result
+
+    def newton(_, x):
         value, slope = jax.jvp(distance, (x,), (jnp.ones_like(x),))
-        x = x - value / jnp.where(slope > 0, slope, 1)
-    return x
+        return x - value / jnp.where(slope > 0, slope, 1)
+
+    # from half the digits to all, and the derivative of the result
+    return jax.lax.fori_loop(0, 2, newton, x)
+
+
+@eqx.filter_jit
+def value_at(record: StepRecord, time: Float[ArrayLike, ""], span: float | None = None) -> Scalar:
+    """Share of the change, (y - initial)/(final - initial), at a `time` from the step on.
+
+    By the cubic through the four nearest samples, like `crossing_times`. 0 up to the step, NaN
+    beyond the record. `span` smooths with LOESS first.
+    """
+    t = record.t - record.step_time
+    return interpolated(t, relative_response(record, span), jnp.asarray(time, t.dtype))
+
+
+def interpolated(t: Samples, y: Samples, time: Scalar) -> Scalar:
+    """`value_at` on plain arrays: `t` from the step, `y` a share of the change."""
+    inside = (time > 0) & (time <= t[-1])
+    safe = jnp.where(inside, time, t[-1])
+    row = jnp.clip(jnp.searchsorted(t, safe, side="right") - 1, 0, t.shape[0] - 2)
+    value = cubic_at(t, y, row)(safe)
+    return jnp.where(inside, value, jnp.where(time <= 0, 0, jnp.nan))
 
 
 @eqx.filter_jit
@@ -142,10 +178,13 @@ def tangent(record: StepRecord, span: float | None = None) -> Tangent:
 
     x = t[row]
     reach = 0.5 * (t[starts[row] + 4] - t[starts[row]])
-    for _ in range(4):
+
+    def newton(_, x):
         value, change = jax.jvp(curvature, (x,), (jnp.ones_like(x),))
         move = value / jnp.where(change * direction < 0, change, jnp.inf)
-        x = jnp.clip(x - move, jnp.maximum(t[row] - reach, t[starts[row]]), t[row] + reach)
+        return jnp.clip(x - move, jnp.maximum(t[row] - reach, t[starts[row]]), t[row] + reach)
+
+    x = jax.lax.fori_loop(0, 4, newton, x)
     y_i, slope, _ = _quartic(t, y, starts[row], x)
     slope = jnp.where(direction * slope > 0, slope, jnp.nan)
     return Tangent(x - y_i / slope, (final - initial) / slope, x, y_i + initial, slope)

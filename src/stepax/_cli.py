@@ -284,24 +284,13 @@ def compare(
 def methods() -> None:
     """List the methods."""
     from ._report import method_table
-    from .methods import METHODS
+    from .methods import METHODS, MODELS
 
     rows = [("auto", "several", "Least-squares fits of several families; the best by AICc.")]
     for name, function in METHODS.items():
         text = (function.__doc__ or "").strip().split("\n")[0]
-        rows.append((name, model_class(name), text))
+        rows.append((name, MODELS[name].__name__, text))
     _show(method_table(rows))
-
-
-def model_class(method: str) -> str:
-    """Name of the class of models that a method gives."""
-    if method in ("viteckova_1", "sundaresan_krishnaswamy", "rdkam_fopdt", "fopdt_fit"):
-        return "FOPDT"
-    if method in ("viteckova_2", "latzel"):
-        return "EqualLag"
-    if method in ("harriott", "smith", "strejc", "ptn_fit"):
-        return "PTn"
-    return {"hudzovic": "Hudzovic", "sani": "Sani"}.get(method.split("_")[0], "SOPDT")
 
 
 @_command

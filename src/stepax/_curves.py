@@ -191,7 +191,7 @@ def chain_of_ratio(model: type[SpreadChain], s: Scalar, n: int | Count) -> Sprea
 
 
 @functools.cache
-def _equal_lag_ends(orders: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+def equal_lag_ends(orders: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Largest Tu/Tg and smallest lam of each order: those of equal lags, in closed form."""
     n = np.array(orders, float)
     t10, t50, t90 = (special.gammaincinv(n, p) for p in (0.1, 0.5, 0.9))
@@ -458,7 +458,7 @@ def lookup(
 def _lookup(model, times: list[Array], orders: tuple[int, ...], formula: bool, tolerance: float):
     """`lookup` for checked arguments: two times are Tu and Tg, three are t10, t50, t90."""
     finite = jnp.all(jnp.isfinite(jnp.stack(times)))
-    tangent_ends, level_ends = _equal_lag_ends(orders)
+    tangent_ends, level_ends = equal_lag_ends(orders)
     if len(times) == 2:
         Tu, Tg = times
         valid = finite & (Tg > 0)
@@ -481,13 +481,13 @@ def _lookup(model, times: list[Array], orders: tuple[int, ...], formula: bool, t
     )  # fmt: skip
 
 
-def check_orders(orders: Iterable[int]) -> tuple[int, ...]:
+def check_orders(orders: Iterable[int], least: int = 2) -> tuple[int, ...]:
     """`orders` ascending, or a `ValueError` that says what they may be."""
     orders = tuple(sorted(set(orders)))
     if not orders or not all(
-        isinstance(n, int | np.integer) and 2 <= n <= MAX_ORDER for n in orders
+        isinstance(n, int | np.integer) and least <= n <= MAX_ORDER for n in orders
     ):
-        raise ValueError(f"orders must be whole numbers from 2 to {MAX_ORDER}, got {orders}.")
+        raise ValueError(f"orders must be whole numbers from {least} to {MAX_ORDER}, got {orders}.")
     return orders
 
 

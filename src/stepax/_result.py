@@ -29,6 +29,9 @@ class Status(eqx.Enumeration):
     at_bound = "A parameter lies on a bound of its range; its standard error is not known."
     not_settled = "The record ends before the plant has settled: the gain is extrapolated."
     not_identifiable = "The record does not determine every parameter: see the standard errors."
+    delay_dropped = "The dead time came out negative and was left out."
+    at_curve_end = "A value read lies beyond the method's curve or table: its end was taken."
+    extrapolated = "A value read lies outside the range that the formula was made for."
     # refusals
     nonfinite_data = "The record holds NaN or infinite values."
     time_not_increasing = "The times of the record do not increase strictly."
@@ -40,7 +43,9 @@ class Status(eqx.Enumeration):
     no_inflection = "The response has no usable tangent at an inflection after the step."
     beyond_first_order = "The response rises earlier than any model of this family can."
     beyond_last_order = "The response needs a higher order, or a dead time: try delay= or a fit."
+    beyond_second_order = "Two lags are not enough: a dead time, a higher order or oscillation."
     invalid_times = "The characteristic times are not positive and increasing."
+    invalid_moments = "The areas or moments of the response are not positive."
     not_converged = "The least-squares iteration did not converge."
 
 

@@ -6,6 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from ._types import Scalar
+
 
 MAX_STEPS = 100
 
@@ -53,3 +55,26 @@ def increasing_root(
         return jnp.where(slope == 0, 0, y / jnp.where(slope == 0, 1, slope))
 
     return jax.lax.custom_root(lambda x: value_and_slope(x)[0], start, solve, tangent_solve)
+
+
+def clamped_root(
+    function: Callable[[Array], Array], lower: Scalar, upper: Scalar
+) -> tuple[Scalar, Scalar, Scalar]:
+    """Root of a function that rises from `lower` to `upper`, or the end that it lies beyond.
+
+    For an unknown of order one. **Returns:** the root, and the values at both ends: the first is
+    above 0 where the root lies below `lower`, the second below 0 where it lies above `upper`. A
+    clamped root has derivative 0.
+    """
+    low, high = function(lower), function(upper)
+    inside = (low < 0) & (high > 0)
+    middle = 0.5 * (lower + upper)
+
+    def value_and_slope(x):
+        value, slope = jax.jvp(function, (x,), (jnp.ones_like(x),))
+        return jnp.where(inside, value, x - middle), jnp.where(inside, slope, 1)
+
+    share = low / jnp.where(inside, low - high, 1)
+    start = jnp.where(inside, lower + (upper - lower) * share, middle)
+    root = increasing_root(value_and_slope, lower, upper, jax.lax.stop_gradient(start))
+    return jnp.where(inside, root, jnp.where(high <= 0, upper, lower)), low, high

@@ -2,15 +2,15 @@
 
 from collections.abc import Iterable
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import ArrayLike, Float
 
-from .._characterise import crossing_times, levels, tangent
+from .._characterise import crossing_times, tangent
 from .._curves import DEFAULT_ORDERS, LEVELS, SpreadChain, lookup
 from .._models import Hudzovic, Sani
 from .._record import StepRecord, usable_record
-from .._result import Identification, Status, conclude, first_problem
+from .._result import Identification, Status, first_problem
+from ._reading import finish
 
 
 def _by_tangent(model: type[SpreadChain], record, span, delay, orders, tolerance):
@@ -21,7 +21,7 @@ def _by_tangent(model: type[SpreadChain], record, span, delay, orders, tolerance
     )
     missing = Status.where(jnp.isfinite(line.Tg), Status.successful, Status.no_inflection)
     details = {"Tu": line.Tu, "Tg": line.Tg, "t_inflection": line.t_inflection}
-    return _finish(record, safe, found, delay, first_problem(problem, missing, status), details)
+    return finish(record, safe, found, delay, first_problem(problem, missing, status), details)
 
 
 def _by_levels(model: type[SpreadChain], record, span, delay, orders, tolerance, formula=False):
@@ -39,19 +39,7 @@ def _by_levels(model: type[SpreadChain], record, span, delay, orders, tolerance,
     crossed = jnp.isfinite(t10 + t50 + t90)
     missing = Status.where(crossed, Status.successful, Status.levels_not_crossed)
     details = {"t10": t10, "t50": t50, "t90": t90}
-    return _finish(record, safe, found, delay, first_problem(problem, missing, status), details)
-
-
-def _finish(record, safe, found, delay, status, details) -> Identification:
-    """Gain and offset from the levels; the record's own details beside the method's."""
-    initial, final = levels(safe)
-    gain = (final - initial) / safe.step_size
-    model = eqx.tree_at(
-        lambda m: (m.gain, m.offset, m.delay),
-        found,
-        (gain, initial, jnp.asarray(delay, gain.dtype)),
-    )
-    return conclude(record, model, status, details=details | record.details)
+    return finish(record, safe, found, delay, first_problem(problem, missing, status), details)
 
 
 def hudzovic_tu_tg(

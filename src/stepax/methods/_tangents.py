@@ -1,0 +1,122 @@
+"""Methods that read the tangent at the inflection: slopes need a noise-free or smoothed record."""
+
+import math
+
+import jax.numpy as jnp
+from jaxtyping import ArrayLike, Float
+
+from .._characterise import Tangent, tangent
+from .._models import FOPDT, PTn
+from .._record import StepRecord
+from .._result import Identification, Status, first_problem
+from .._roots import clamped_root
+from .._second_order import lags_of, shape_ends
+from .._types import Scalar
+from ._reading import end_status, finish, own_delay, read_times, readable
+
+
+ONE_LAG = 1 - math.exp(-1)
+"""Share of its change that a lag T has gone at the time T."""
+
+
+def read_tangent(safe: StepRecord) -> tuple[Tangent, dict[str, Scalar], Status]:
+    """The tangent, or a harmless one where there is none; as read, by name; `no_inflection`."""
+    line = tangent(safe)
+    found = jnp.isfinite(line.Tg)
+    status = Status.where(found, Status.successful, Status.no_inflection)
+    details = {"Tu": line.Tu, "Tg": line.Tg, "t_inflection": line.t_inflection}
+    usable = Tangent(*(jnp.where(found, x, 1) for x in line))
+    return usable, details, status
+
+
+def ziegler_nichols_tangent(
+    record: StepRecord,
+    *,
+    span: float | None = None,
+    delay: Float[ArrayLike, ""] = 0.0,
+) -> Identification:
+    r"""First order plus dead time from the tangent at the inflection: L = Tu, T = Tg.
+
+    Ziegler, Nichols (1942). Exact for a first-order plant; for plants of higher order T is far too
+    large. **Options:** `span`: LOESS first, necessary with noise; `delay`: dead time known
+    beforehand, on top of which L comes. **Status:** `no_inflection` without a tangent, a negative
+    L is left out with the warning `delay_dropped`. Standard errors are NaN: the method has none.
+    """
+    problem, safe = readable(record, span)
+    line, details, missing = read_tangent(safe)
+    raw = line.Tu - delay
+    own, dropped = own_delay(raw, line.Tg)
+    status = first_problem(problem, missing, dropped)
+    details["raw_delay"] = raw
+    return finish(record, safe, FOPDT(T=line.Tg), delay + own, status, details)
+
+
+def tangent_63(
+    record: StepRecord,
+    *,
+    span: float | None = None,
+    delay: Float[ArrayLike, ""] = 0.0,
+) -> Identification:
+    r"""First order plus dead time: L = Tu of the tangent, T = t63 - L at the share 1 - 1/e.
+
+    Miller (1967); Astrom, Hagglund (1995). The response is met at 63.2 %, which serves plants of
+    higher order far better than the tangent alone. Options and status as in
+    `ziegler_nichols_tangent`; a level that is not reached gives `levels_not_crossed`.
+    """
+    problem, safe = readable(record, span)
+    line, details, missing = read_tangent(safe)
+    (t63,), _, read = read_times(safe, (ONE_LAG,), delay)
+    raw = line.Tu - delay
+    own, dropped = own_delay(raw, line.Tg)
+    negative = Status.where(t63 > own, Status.successful, Status.invalid_times)
+    status = first_problem(problem, missing, read, negative, dropped)
+    details |= {"t63_2": t63 + delay, "raw_delay": raw}
+    return finish(record, safe, FOPDT(T=t63 - own), delay + own, status, details)
+
+
+def oldenbourg_sartorius(
+    record: StepRecord,
+    *,
+    span: float | None = None,
+    delay: Float[ArrayLike, ""] = 0.0,
+) -> Identification:
+    r"""Two lags from the tangent at the inflection, exactly.
+
+    With $T_A = T_g$ and the sum of the lags $T_C = (1 - y_i) T_g = T_u + T_g - t_i$,
+
+    $$ \frac{T_A}{T_C} = \frac{q^{-q/(1-q)}}{1+q}, \qquad q = T_2/T_1 $$
+
+    (Oldenbourg, Sartorius 1948), solved for q. **Range:** T_A/T_C from 1 (one lag) to e/2 (equal
+    lags); beyond it by up to 1 % that end, with the warning `at_curve_end`; further out
+    `beyond_first_order` or `beyond_second_order`. `span` and `delay` as in
+    `ziegler_nichols_tangent`; there is no dead time but `delay`, on which the lags do not depend.
+    """
+    problem, safe = readable(record, span)
+    line, details, missing = read_tangent(safe)
+    total = line.Tu + line.Tg - line.t_inflection
+    negative = Status.where(total > 0, Status.successful, Status.invalid_times)
+    total = jnp.where(total > 0, total, 1)
+    measured = jnp.log(line.Tg / total)
+    _, equal_lags, one_lag = shape_ends(total.dtype)
+    shape, low, high = clamped_root(lambda x: measured - _log_ratio(x), equal_lags, one_lag)
+    status = end_status(
+        (low, 0.01, Status.beyond_second_order), (-high, 0.01, Status.beyond_first_order)
+    )
+    lags = lags_of(jnp.where(high <= 0, 1, shape), total)
+    status = first_problem(problem, missing, negative, status)
+    return finish(record, safe, PTn(lags=lags), delay, status, details)
+
+
+def _log_ratio(shape: Scalar) -> Scalar:
+    r"""$\ln(T_A/T_C) = \mathrm{artanh}(k)/k + \ln(1 - k^2)/2 - \ln 2$, $k^2$ the shape.
+
+    The formula of the source, written in k = (1 - q)/(1 + q), in which it is even.
+    """
+    small = shape < 0.1
+    near = jnp.where(small, shape, 0)
+    series = jnp.zeros_like(shape)
+    for j in range(16, -1, -1):
+        series = 1 / (2 * j + 1) + near * series
+    root = jnp.sqrt(jnp.where(small, 0.5, shape))
+    quotient = jnp.where(small, series, jnp.arctanh(root) / root)
+    return quotient + 0.5 * jnp.log1p(-shape) - math.log(2)
