@@ -136,7 +136,7 @@ def _row(name: str, result: Identification, plant: AbstractPlant | None) -> Row:
         J=J,
         rmse=float(measured.rmse),
         fit_percent=float(measured.fit_percent),
-        parameters=parameter_count(result.model),
+        parameters=parameter_count(result),
         aicc=float(aicc_of(result)),
         status=status_name(result.status),
         reason=reason,

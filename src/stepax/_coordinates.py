@@ -11,7 +11,7 @@ where any of them can meet, are their own coordinates: the response is a symmetr
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -181,12 +181,12 @@ def _decode_lags(x, model, exact) -> dict[str, Array]:
     return {"lags": jnp.stack(list(x)) * unit_of_lags(model)}
 
 
-def unit_of_lags(model: PTn) -> Array:
+def unit_of_lags(model: Any) -> Array:
     """Unit of the lags: the sum of those of the start."""
     return jax.lax.stop_gradient(jnp.sum(model.lags))
 
 
-def present_lags(model: PTn) -> Array:
+def present_lags(model: Any) -> Array:
     """Which of the lags of a start, largest first, are lags: a lag of 0 is none and stays none."""
     return -jnp.sort(-model.lags) > 0
 

@@ -1,5 +1,7 @@
 """One least-squares problem: the data, what is known, and the coordinates of the rest."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -190,7 +192,8 @@ class Fit(eqx.Module):
         delay = x[self.delay_place] + (before - interval / 2) / self.duration
         other = jnp.append(jnp.stack(full) - self._shift(), delay)
         other = jnp.append(other, jnp.asarray(x)[self.delay_place + 1 :])
-        return jnp.where(before < FEW_SAMPLES * interval, jnp.clip(other, *self.bounds()), x)
+        short = before < FEW_SAMPLES * interval
+        return jnp.where(short, jnp.clip(other, *self.bounds()), jnp.asarray(x))
 
     def _full(self, x: Coordinates) -> list[Array]:
         """All own coordinates, in the unit of time of the record."""
@@ -285,7 +288,7 @@ class Fit(eqx.Module):
 
         Where two lags meet, the slope in their difference vanishes and this tells the way.
         """
-        plant = self.shape(x)
+        plant: Any = self.shape(x)
         since = self._elapsed - plant.delay
         g = plant.unit_response(since)
         slope = jax.grad(lambda g: jnp.sum(self.residual(x, g) ** 2) / 2)(g)

@@ -10,9 +10,8 @@ import numpy as np
 from jax.core import Tracer
 
 from ._certainty import aicc, with_errors
-from ._models import AbstractPlant
 from ._record import StepRecord
-from ._result import Identification, refused
+from ._result import Identification, parameter_names, refused
 from .methods import METHODS
 
 
@@ -96,16 +95,21 @@ def aicc_of(result: Identification):
         value = result.details["aicc"]
     else:
         count = result.record.y.size
-        value = aicc(count * result.rmse**2, count, parameter_count(result.model))
+        value = aicc(count * result.rmse**2, count, parameter_count(result))
     return jnp.where(refused(result.status) | jnp.isnan(value), jnp.inf, value)
 
 
-def parameter_count(model: AbstractPlant) -> int:
-    """Number of real parameters of a model, lags counted one by one, zero lags left out."""
-    skip = {"n"} if not hasattr(getattr(model, "n", 0), "dtype") else set()
-    leaves = [
-        np.asarray(getattr(model, name))
-        for name in model.__dataclass_fields__
-        if name not in skip and eqx.is_inexact_array(getattr(model, name))
-    ]
-    return sum(int(np.count_nonzero(x)) if x.ndim else 1 for x in leaves)
+def parameter_count(result: Identification) -> int:
+    """Number of parameters that were found from the record.
+
+    Lags of 0 do not count, nor a dead time of 0 that no fit has varied; equal lags count once, and
+    gain and offset unless the record's levels are known.
+    """
+    found = {name.split("[")[0] for name in result.free}
+    if not found:
+        levels = {"gain": result.record.final, "offset": result.record.initial}
+        known = {name for name, level in levels.items() if level is not None}
+        known |= set() if float(result.model.delay) else {"delay"}
+        found = set(parameter_names(result.model)) - known
+    values = [np.unique(np.asarray(getattr(result.model, name))) for name in found]
+    return sum(int(np.count_nonzero(x)) if x.size > 1 else 1 for x in values)

@@ -56,7 +56,7 @@ def _from_two_starts(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
 
     def search(best, second):
         best, least = best
-        begin = jnp.where(second, fit.second_start(best.x), best.x)
+        begin = jnp.where(second, jnp.asarray(fit.second_start(best.x)), best.x)
         found, cost = _solve(fit, begin, lower, upper, solver, max_steps)
         steps = best.steps + found.steps
         found, cost = jax.tree.map(

@@ -21,6 +21,7 @@ LOOKS = [
     ("#7a2f8a", (0, (1.2, 1.2)), "D"),
     ("#4f8a10", (0, (9, 2, 2, 2, 2, 2)), "v"),
     ("#b08900", (0, (3, 3)), "P"),
+    ("#8c1d40", (0, (2, 1, 2, 4)), "X"),
 ]
 """Colour, dashes and mark of the drawn models, best first."""
 DECADES = 12
@@ -42,7 +43,7 @@ def plot_comparison(
     **Arguments:**
 
     - `group`: "all", "first" (first order), "second" (two poles) or "nth" (order chosen).
-    - `count`: how many models are drawn, at most 6; the ranking has all of the group.
+    - `count`: how many models are drawn, at most 7; the ranking has all of the group.
     - `title`: instead of the name of the file. `size`: of the figure, in inches.
     """
     rows = _rows(comparison, group)
@@ -50,12 +51,15 @@ def plot_comparison(
     record = comparison.record
     height = max(5.5, 1.6 + 0.19 * len(rows))
     figure = Picture(figsize=size or (11.0, height), dpi=150, layout="constrained")
-    left, right = figure.subfigures(1, 2, width_ratios=[1.75, 1])
+    grid = figure.add_gridspec(1, 2, width_ratios=[1.75, 1])
+    left, right = (figure.add_subfigure(place) for place in grid)
     response, residuals = response_panels(left, record.labels)
     draw_record(response, record)
     for place, (row, (color, dashes, mark)) in enumerate(drawn):
         look: dict[str, Any] = {"color": color, "linestyle": dashes, "zorder": 3 + 0.1 * place}
         look["linewidth"] = 2.2 if place == 0 else 1.5
+        if level_marks(row) or tangent_ends(row):  # in the legend alone
+            look |= {"marker": mark, "markevery": [], "markerfacecolor": "none"}
         label = f"{row.method} ({number(row.fit_percent)} %)"
         draw_model(response, residuals, row.result.model, record, label=label, **look)
         _draw_marks(response, row, color, mark)
@@ -66,7 +70,8 @@ def plot_comparison(
     finish(response, residuals, record)
     low, high = response.get_ylim()
     response.set_ylim(max(low, _floor(record)), min(high, _ceiling(record)))
-    left.legend(loc="outside lower center", ncols=3, frameon=False, title="method (fit)")
+    columns = 2 if len(drawn) > 3 else 3
+    left.legend(loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
     _draw_bars(right.subplots(), rows, [color for _, (color, *_) in drawn], record)
     return figure
 
@@ -134,8 +139,11 @@ def level_marks(row: Row) -> list[tuple[float, float]]:
         for name, value in details.items()
         if (match := _LEVEL.match(name))
     ]
-    if "t_read" in details:
-        points.append((float(details["t_read"]), float(details["y_read"])))
+    points += [
+        (float(details[time]), float(details[height]))
+        for time, height in (("t_read", "y_read"), ("t_i", "y_i"))
+        if time in details
+    ]
     start = float(record.step_time)
     return [(start + t, initial + level * change) for t, level in points]
 

@@ -1,6 +1,7 @@
 """An identification in words, as tables for the terminal, and as JSON; host code."""
 
 import math
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -120,7 +121,8 @@ def warning_sentences(result: Identification, step: int | None = None) -> list[s
 
     def named(name: str, wanted: bool) -> list[str]:
         flags = np.asarray(details.get(name, []), bool)
-        return [x for x, flag in zip(result.free, flags, strict=False) if flag == wanted]
+        names = [re.sub(r"lags\[(\d+)\]", _lag_label, x) for x in result.free]
+        return [x for x, flag in zip(names, flags, strict=False) if flag == wanted]
 
     sentences = []
     if result.status != Status.successful:
@@ -167,6 +169,11 @@ def warning_sentences(result: Identification, step: int | None = None) -> list[s
             " disturbances still make them too small."
         )
     return list(dict.fromkeys(sentences))
+
+
+def _lag_label(match: re.Match[str]) -> str:
+    """Name of a lag as in the table: the largest is lag 1."""
+    return f"lag {int(match[1]) + 1}"
 
 
 def comparison_report(comparison, group: str = "all") -> Group:
