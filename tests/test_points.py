@@ -26,6 +26,7 @@ from scipy import interpolate, optimize, special
 
 from stepax import METHODS, Status, StepRecord
 from stepax._characterise import value_at
+from stepax._roots import clamped_root
 from stepax._second_order import level_times, unit_response
 from stepax.methods import MODELS
 from stepax.methods._charts import smith_ratio
@@ -165,6 +166,40 @@ def test_curves_of_the_charts():
         unit = 2 * zeta if zeta > 1 else 2.0  # of time, over 1/omega_n
         found, at = ratio_and_time(shape)
         np.testing.assert_allclose([found, at * unit], [rho, t60], rtol=1e-7)
+
+
+CURVES = {
+    "harriott": (lambda shape: unit_response(jnp.asarray(0.5), shape), 0.0),
+    "strejc": (lambda shape: unit_response(jnp.asarray(0.3574), shape), 0.0),
+    "smith": (lambda shape: -smith_ratio(shape)[0], -0.99),
+}
+
+
+@pytest.mark.parametrize("name", CURVES)
+def test_inverses_of_the_curves(name):
+    """Exact to rounding, with the derivative of the inverse function; beyond an end, that end."""
+    curve, lowest = CURVES[name]
+    shapes = np.concatenate([np.linspace(lowest + 1e-7, 0.999, 60), [1e-6, 1e-3]])
+    ends = jnp.asarray(lowest), jnp.asarray(0.9999)
+
+    def inverse(value):
+        return clamped_root(lambda shape: curve(shape) - value, *ends)[0]
+
+    @jax.jit
+    @jax.vmap
+    def there_and_back(shape):
+        value, slope = jax.jvp(curve, (shape,), (jnp.ones_like(shape),))
+        found, back = jax.value_and_grad(inverse)(value)
+        return value, curve(found), found, slope * back
+
+    value, again, found, unity = there_and_back(shapes)
+    np.testing.assert_allclose(again, value, rtol=1e-14)
+    np.testing.assert_allclose(found, shapes, atol=1e-12)
+    np.testing.assert_allclose(unity, 1, rtol=1e-9)
+    beyond = jax.jit(jax.vmap(jax.value_and_grad(inverse)))(
+        value[jnp.array([0, -3])] + np.array([-1, 1])
+    )
+    np.testing.assert_allclose(beyond, [[ends[0], ends[1]], [0, 0]])
 
 
 def test_values_between_samples():
