@@ -23,7 +23,7 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
-from ._types import Lags, Scalar
+from ._types import Lags, Samples, Scalar
 
 
 # Caratheodory-Fejer poles and weights of type (2k - 1, 2k) for k conjugate pairs, computed at 60
@@ -150,6 +150,23 @@ def chain_derivatives(
     for u, _ in shares[1:]:
         product = product * u
     return [jnp.where(started, total * product, 0) for total in totals]
+
+
+def chain_curvature(t: Samples, lags: Lags, weights: Samples) -> Float[Array, "lags lags"]:
+    r"""$\sum_i \omega_i\, \partial^2 g(t_i)/\partial T_j \partial T_k$ for weights $\omega_i$.
+
+    Each derivative in a lag is a factor $-q_j$, $q_j = z/(t + z T_j)$, under the sum over the
+    poles, a second one in the same lag twice that.
+    """
+    started = t > 0
+    t = jnp.where(started, t, jnp.ones_like(t))
+    pairs = np.array(_pairs(t.dtype))
+    poles, weight = jnp.asarray(pairs.T, jnp.result_type(t, 1j))[:, :, None]
+    shares = t + poles * lags[:, None, None]
+    terms = weight * jnp.prod(t / shares, axis=0) * jnp.where(started, weights, 0)
+    factors = poles / shares
+    twice = 1 + jnp.eye(lags.size, dtype=t.dtype)
+    return twice * jnp.real(jnp.einsum("pn,jpn,kpn->jk", terms, factors, factors))
 
 
 @jax.jit

@@ -5,14 +5,17 @@ A family's own parameters map one to one to coordinates; fixing a parameter remo
 How far two lags lie apart, s = T_2/T_1 in [0, 1], enters a response as an even function of ln s.
 Its coordinate is the square of the contrast, $e = ((1 - s)/(1 + s))^2$: the response has a finite
 slope in it that is not 0 at equal lags (e = 0) and at a single lag (e = 1). For a chain, s is the
-ratio of the extreme rates; for two lags of damping $\zeta$, $1 - e = 1/\zeta^2$.
+ratio of the extreme rates; for two lags of damping $\zeta$, $1 - e = 1/\zeta^2$. Individual lags,
+where any of them can meet, are their own coordinates: the response is a symmetric function of them.
 """
 
 import math
 from collections.abc import Callable
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from ._curves import chain_of_ratio
@@ -24,17 +27,13 @@ from ._types import Coordinates
 LOG_TIME = (math.log(1e-6), math.log(1e3))
 """Bounds of a time constant, relative to the length of the record."""
 CONTRAST = (0.0, 1.0)
+LAG = (0.0, 1e4)
+"""Bounds of a lag, relative to the sum of the lags at the start."""
+APART = 0.01
+"""Least relative distance of two lags at the start."""
 LOG_ORDER = (math.log(0.3), math.log(MAX_REAL_ORDER))
 LOG_DAMPING = (math.log1p(200.0**-2), math.log1p(0.005**-2))
 """Bounds of $\\ln(1 + 1/\\zeta^2)$: damping from 200 down to 0.005."""
-
-
-class Ratio(NamedTuple):
-    """The coordinate that tells the ratio of the two largest lags: its place, and both maps."""
-
-    place: int
-    encode: Callable[[Array], Array]
-    decode: Callable[[Array], Array]
 
 
 class Family(NamedTuple):
@@ -44,7 +43,8 @@ class Family(NamedTuple):
     not a coordinate, the order of a chain, is taken from the model. At the end of a contrast the
     slope of r is infinite: `decode` stays a rounding error inside unless `exact`. `bounds` hold
     for a record of unit length; `time_powers` is how each coordinate moves with the logarithm of
-    the length. `ratio` is that of the two largest lags, where it can vary.
+    the length. `shortened(coordinates, model, lag)` gives the coordinates with the second lag, or
+    the shortest of several, set to a value, and what it was; None where there is but one.
     """
 
     names: tuple[str, ...]
@@ -52,29 +52,29 @@ class Family(NamedTuple):
     decode: Callable[[Coordinates, AbstractPlant, bool], dict[str, Array]]
     bounds: tuple[tuple[float, float], ...]
     time_powers: tuple[float, ...]
-    ratio: Ratio | None = None
+    shortened: Callable[[list[Array], AbstractPlant, Array], tuple[list[Array], Array]] | None = (
+        None
+    )
 
 
 def family_of(model: AbstractPlant) -> Family:
     """Coordinates of a model's family."""
     if isinstance(model, Hudzovic | Sani):
-        bounds, ratio = (LOG_TIME, CONTRAST), Ratio(1, _encode_ratio, _decode_ratio)
-        return Family(("T", "r"), _encode_chain, _decode_chain, bounds, (1, 0), ratio)
+        bounds = (LOG_TIME, CONTRAST)
+        return Family(("T", "r"), _encode_chain, _decode_chain, bounds, (1, 0), _shortened_chain)
     if isinstance(model, FOPDT) or _is_whole(model):
         return Family(("T",), _encode_T, _decode_T, (LOG_TIME,), (1,))
     if isinstance(model, EqualLag):
         bounds = (LOG_TIME, LOG_ORDER)
         return Family(("T", "n"), _encode_equal_lags, _decode_equal_lags, bounds, (1, 0))
     if isinstance(model, SOPDT):
-        bounds = (LOG_DAMPING, LOG_TIME)
-        names, ratio = ("zeta", "omega_n"), Ratio(0, _encode_damping, _decode_damping)
-        return Family(names, _encode_second, _decode_second, bounds, (0, 1), ratio)
+        bounds, names = (LOG_DAMPING, LOG_TIME), ("zeta", "omega_n")
+        return Family(names, _encode_second, _decode_second, bounds, (0, 1), _shortened_second)
     if isinstance(model, PTn):
-        more = model.lags.shape[0] - 1
-        bounds = (LOG_TIME,) + (CONTRAST,) * more
-        powers, ratio = (1,) + (0,) * more, Ratio(1, _encode_ratio, _decode_ratio)
-        ratio = ratio if more else None
-        return Family(("lags",), _encode_lags, _decode_lags, bounds, powers, ratio)
+        count = model.lags.shape[0]
+        bounds, powers = (LAG,) * count, (0,) * count
+        shortened = _shortened_lags if count > 1 else None
+        return Family(("lags",), _encode_lags, _decode_lags, bounds, powers, shortened)
     raise TypeError(f"refine needs a stepax model, got {type(model).__name__}.")
 
 
@@ -148,28 +148,78 @@ def _decode_second(x, model, exact) -> dict[str, Array]:
     return {"zeta": zeta, "omega_n": jnp.sqrt(1 + 4 * zeta**2) * jnp.exp(-x[1])}
 
 
-def _encode_damping(s) -> Array:
-    """The coordinate of the damping at a ratio s of two lags: 1/zeta^2 = 4 s/(1 + s)^2."""
-    return jnp.log1p(4 * s / (1 + s) ** 2)
+def _shortened_chain(full, model, lag) -> tuple[list[Array], Array]:
+    total = jnp.exp(full[0])
+    before = _decode_ratio(full[1]) * total
+    return [full[0], _encode_ratio(lag / total)], before
 
 
-def _decode_damping(x) -> Array:
-    """That ratio; 1 for all that oscillates."""
-    square = jnp.minimum(jnp.expm1(x), 1)
-    return square / (1 + jnp.sqrt(1 - square)) ** 2
+def _shortened_second(full, model, lag) -> tuple[list[Array], Array]:
+    """Two lags of ratio s have 1/zeta^2 = 4 s/(1 + s)^2; all that oscillates counts as s = 1."""
+    total = jnp.exp(full[1])
+    square = jnp.minimum(jnp.expm1(full[0]), 1)
+    before = square / (1 + jnp.sqrt(1 - square)) ** 2 * total
+    s = lag / total
+    return [jnp.log1p(4 * s / (1 + s) ** 2), full[1]], before
+
+
+def _shortened_lags(full, model, lag) -> tuple[list[Array], Array]:
+    row = jnp.stack(full)
+    place = jnp.argmin(jnp.where(present_lags(model), row, jnp.inf))
+    other = row.at[place].set(lag / unit_of_lags(model))
+    return list(other), row[place] * unit_of_lags(model)
 
 
 def _encode_lags(model) -> Array:
-    """ln of the sum of the lags, and the contrasts of neighbours in descending order."""
+    """Lags over their sum, largest first; equal ones a little apart, where a fit can part them."""
     lags = -jnp.sort(-model.lags)
-    ratios = lags[1:] / jnp.where(lags[:-1] > 0, lags[:-1], 1)
-    total = jnp.log(jnp.sum(lags))
-    return jnp.stack([total, *(_encode_ratio(ratios[k]) for k in range(ratios.size))])
+    apart = 1 + APART * jnp.linspace(1, -1, lags.size, dtype=lags.dtype)
+    return lags / unit_of_lags(model) * (apart if lags.size > 1 else 1)
 
 
 def _decode_lags(x, model, exact) -> dict[str, Array]:
-    lags = [jnp.ones_like(x[0])]
-    for contrast in list(x)[1:]:
-        lags.append(lags[-1] * _decode_ratio(contrast, exact))
-    row = jnp.stack(lags)
-    return {"lags": row * jnp.exp(x[0]) / jnp.sum(row)}
+    return {"lags": jnp.stack(list(x)) * unit_of_lags(model)}
+
+
+def unit_of_lags(model: PTn) -> Array:
+    """Unit of the lags: the sum of those of the start."""
+    return jax.lax.stop_gradient(jnp.sum(model.lags))
+
+
+def present_lags(model: PTn) -> Array:
+    """Which of the lags of a start, largest first, are lags: a lag of 0 is none and stays none."""
+    return -jnp.sort(-model.lags) > 0
+
+
+ITERATIONS = 12
+"""Of the simultaneous iteration for all roots; it squares the error each time."""
+
+
+def symmetric_step(lags: Array, step: Array) -> Array:
+    r"""Lags after a step that moves their elementary symmetric functions along a straight line.
+
+    The response depends on those alone, which a record tells far apart in certainty: in terms of
+    lags the valley of nearly equal losses is bent. The new lags are the roots of $\prod_k (z - T_k)
+    - \sum_j s_j \prod_{i \ne j} (z - T_i)$, by Weierstrass' simultaneous iteration from T + s,
+    the step itself; where they are not all real and positive it is that step.
+    """
+    active = (lags > 0) | (step != 0)
+    others = active[None, :] & ~np.eye(lags.size, dtype=bool)
+
+    def improve(_, state):
+        z, _ = state
+        factors = jnp.where(active[None, :], z[:, None] - lags[None, :], 1)
+        rest = [
+            jnp.delete(factors, j, axis=1, assume_unique_indices=True) for j in range(lags.size)
+        ]
+        parts = sum(step[j] * jnp.prod(rest[j], axis=1) for j in range(lags.size))
+        gaps = jnp.prod(jnp.where(others, z[:, None] - z[None, :], 1), axis=1)
+        value = (jnp.prod(factors, axis=1) - parts) / jnp.where(gaps == 0, jnp.nan, gaps)
+        move = jnp.where(active, value, 0)
+        return z - move, move
+
+    start = lags + step
+    z, move = jax.lax.fori_loop(0, ITERATIONS, improve, (start, start))
+    settled = jnp.max(jnp.abs(move)) <= jnp.finfo(z.dtype).eps ** 0.5 * jnp.max(jnp.abs(z))
+    real = settled & jnp.all(jnp.where(active, z > 0, True))
+    return jnp.where(real, z, start)

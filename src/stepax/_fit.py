@@ -6,7 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ._coordinates import Family, family_of
+from ._contour import accuracy, chain_curvature
+from ._coordinates import Family, family_of, present_lags, symmetric_step, unit_of_lags
 from ._models import FOPDT, AbstractPlant, Hudzovic, PTn, Sani
 from ._record import MIN_SAMPLES, StepRecord
 from ._result import Status, parameter_names, safe_sqrt
@@ -21,6 +22,10 @@ LONGEST_DELAY = 0.95
 
 FEW_SAMPLES = 6
 """Length of a second lag, in sampling intervals, from which on it has one optimum."""
+
+
+MERGED = (1e-4, 1e-3, 1e-2, 0.1)
+"""Relative distances of neighbouring lags at which it is tried whether they are equal."""
 
 
 class Fit(eqx.Module):
@@ -103,6 +108,18 @@ class Fit(eqx.Module):
         return np.array([name not in self.fixed for name in names])
 
     @property
+    def individual(self) -> bool:
+        """Whether the coordinates are lags, of which any can meet."""
+        return isinstance(self.model, PTn) and "lags" not in self.fixed
+
+    @property
+    def absent(self) -> Array:
+        """Which free own coordinates belong to lags of 0: those do not vary."""
+        if self.individual:
+            return ~present_lags(self.model)
+        return jnp.zeros(int(self.own_free.sum()), bool)
+
+    @property
     def delay_place(self) -> int:
         """Place of the dead time in a row of coordinates."""
         return int(self.own_free.sum())
@@ -139,8 +156,9 @@ class Fit(eqx.Module):
         pairs += [(0.0, LONGEST_DELAY)] * self.free_delay
         if self.threshold is not None:
             pairs += [(-np.inf, np.inf)] * self.free_levels
-        lower, upper = np.array(pairs).reshape(-1, 2).T
-        return jnp.asarray(lower, self.record.t.dtype), jnp.asarray(upper, self.record.t.dtype)
+        lower, upper = jnp.asarray(np.array(pairs).reshape(-1, 2).T, self.record.t.dtype)
+        own = int(self.own_free.sum())
+        return lower, upper.at[:own].set(jnp.where(self.absent, lower[:own], upper[:own]))
 
     def start(self) -> Array:
         """Coordinates of the model given; its levels are those of the regression."""
@@ -164,18 +182,15 @@ class Fit(eqx.Module):
         there the lag is half a sampling interval, and the dead time makes up for it. Elsewhere x
         itself; None for models that have no such lag.
         """
-        ratio, own = self.family.ratio, self.own_free
-        if ratio is None or not own[ratio.place] or not self.free_delay:
+        shortened = self.family.shortened
+        if shortened is None or not self.own_free.all() or not self.free_delay:
             return None
-        place, full = int(own[: ratio.place].sum()), self._full(x)
-        total = jnp.exp(full[self.family.time_powers.index(1)])
         interval = self.duration / jnp.sum(self.record.after_step)
-        before, after = ratio.decode(full[ratio.place]), interval / (2 * total)
-        other = x.at[place].set(ratio.encode(after))
-        other = other.at[self.delay_place].add((before - after) * total / self.duration)
-        return jnp.where(
-            before * total < FEW_SAMPLES * interval, jnp.clip(other, *self.bounds()), x
-        )
+        full, before = shortened(self._full(x), self.model, interval / 2)
+        delay = x[self.delay_place] + (before - interval / 2) / self.duration
+        other = jnp.append(jnp.stack(full) - self._shift(), delay)
+        other = jnp.append(other, jnp.asarray(x)[self.delay_place + 1 :])
+        return jnp.where(before < FEW_SAMPLES * interval, jnp.clip(other, *self.bounds()), x)
 
     def _full(self, x: Coordinates) -> list[Array]:
         """All own coordinates, in the unit of time of the record."""
@@ -265,6 +280,51 @@ class Fit(eqx.Module):
         unit = jnp.eye(x.size, dtype=x.dtype)
         return residual, [change(unit[k], move) for k, move in enumerate(moves)]
 
+    def curvature(self, x: Array) -> Array:
+        r"""$\sum_i r_i \nabla^2 r_i$ of individual lags, the levels and the dead time held.
+
+        Where two lags meet, the slope in their difference vanishes and this tells the way.
+        """
+        plant = self.shape(x)
+        since = self._elapsed - plant.delay
+        g = plant.unit_response(since)
+        slope = jax.grad(lambda g: jnp.sum(self.residual(x, g) ** 2) / 2)(g)
+        block = chain_curvature(since, plant.lags, slope) * unit_of_lags(self.model) ** 2
+        size = plant.lags.size
+        return jnp.zeros((x.size, x.size), block.dtype).at[:size, :size].set(block)
+
+    def along(self, x: Array, step: Array) -> Array:
+        """The end of a step of individual lags that keeps to the valley of nearly equal losses."""
+        size = self.own_free.size
+        return (x + step).at[:size].set(symmetric_step(x[:size], step[:size]))
+
+    def in_order(self, x: Array) -> Array:
+        """Coordinates with individual lags largest first, and equal where the loss does not mind.
+
+        Of the lags that lie within a tolerance of their neighbours all take their mean; of several
+        tolerances the largest is kept at which the loss does not rise.
+        """
+        if not self.individual:
+            return x
+        size = self.own_free.size
+        x = x.at[:size].set(-jnp.sort(-x[:size]))
+
+        def loss(x):
+            return jnp.sum(self.residual(x) ** 2)
+
+        limit = loss(x) * (1 + jnp.finfo(x.dtype).eps ** 0.5) + least_loss(x.dtype, self.record)
+
+        def merge(best, tolerance):
+            lags = x[:size]
+            starts = jnp.append(True, lags[1:] < (1 - tolerance) * lags[:-1])
+            group = jnp.cumsum(starts) - 1
+            sums = jnp.zeros_like(lags).at[group].add(lags)
+            means = sums / jnp.maximum(jnp.zeros_like(lags).at[group].add(1), 1)
+            merged = x.at[:size].set(means[group])
+            return jnp.where(loss(merged) <= limit, merged, best), None
+
+        return jax.lax.scan(merge, x, jnp.asarray(MERGED, x.dtype))[0]
+
     def _move(self, k: int, x: Array) -> Samples:
         """Derivative of the response in one coordinate."""
 
@@ -291,12 +351,12 @@ class Fit(eqx.Module):
         at = (x <= lower) | (x >= upper)
         own = self.own_free
         if self.family.names == ("lags",):
-            if not own.any():
-                flags = {}
-            else:  # a contrast at its end: the second lag equals the first, or is 0
-                low, high = x[1 : own.size] <= lower[1 : own.size], at[1 : own.size]
-                before, after = jnp.append(low, False), jnp.append(False, high)
-                flags = {"lags": (before | after).at[0].set((before | after)[0] | at[0])}
+            flags = {}
+            if own.any():  # largest first; equal ones, and one that came out as 0
+                lags = jnp.stack(list(x[: own.size]))
+                equal = (lags[1:] == lags[:-1]) & ~self.absent[1:]
+                meets = jnp.append(equal, False) | jnp.append(False, equal)
+                flags = {"lags": ~self.absent & (meets | at[: own.size])}
         else:
             names = [name for name, kept in zip(self.family.names, own, strict=True) if kept]
             flags = {name: at[i] for i, name in enumerate(names)}
@@ -358,6 +418,11 @@ def weights_of(record: StepRecord, weights) -> Samples:
         )
     ones = jnp.ones(size, record.y.dtype)
     return weights * ones if weights.shape in ((), (size,)) else ones
+
+
+def least_loss(dtype, record: StepRecord) -> float:
+    """Sum of squares, in units of the range, that the accuracy of the responses allows."""
+    return accuracy(dtype) ** 2 * record.y.size
 
 
 def huber_residual(error: Samples, threshold: Scalar) -> Samples:

@@ -40,11 +40,14 @@ def optimum(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
     if start.size == 0:
         return Optimum(start, jnp.array(True), jnp.array(0))
     lower, upper = fit.bounds()
-    if isinstance(solver, BoundedLevenbergMarquardt) and fit.kinked:
-        return _between_samples(fit, start, solver, max_steps)
-    if isinstance(solver, BoundedLevenbergMarquardt) and fit.second_start(start) is not None:
-        return _from_two_starts(fit, start, solver, max_steps)
-    return _solve(fit, start, lower, upper, solver, max_steps)[0]
+    ours = isinstance(solver, BoundedLevenbergMarquardt)
+    if ours and fit.kinked:
+        found = _between_samples(fit, start, solver, max_steps)
+    elif ours and fit.second_start(start) is not None:
+        found = _from_two_starts(fit, start, solver, max_steps)
+    else:
+        found = _solve(fit, start, lower, upper, solver, max_steps)[0]
+    return found._replace(x=fit.in_order(found.x))
 
 
 def _from_two_starts(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
@@ -86,12 +89,15 @@ def _between_samples(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
 
 
 def _solve(fit, start, lower, upper, solver, max_steps) -> tuple[Optimum, Array]:
+    options = {"lower": lower, "upper": upper, "linearised": Fit.linearised}
+    if fit.individual and start.size > 1:
+        options |= {"curvature": Fit.curvature, "along": Fit.along}
     solution = optx.least_squares(
         lambda x, fit: fit.residual(x),
         solver,
         tuple(start),
         fit,
-        options={"lower": lower, "upper": upper, "linearised": Fit.linearised},
+        options=options,
         max_steps=max_steps,
         throw=False,
     )

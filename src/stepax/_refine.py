@@ -13,7 +13,7 @@ from ._certainty import HUBER, aicc, with_errors
 from ._contour import accuracy
 from ._coordinates import family_of
 from ._curves import DEFAULT_ORDERS, check_orders
-from ._fit import Fit, weights_of
+from ._fit import Fit, least_loss, weights_of
 from ._models import AbstractPlant, EqualLag, Hudzovic, Sani
 from ._optimum import Optimum, optimum
 from ._record import StepRecord, usable_record
@@ -53,7 +53,7 @@ def refine(
     - `fixed`: names of parameters kept exactly as in `model`;
     - known levels of the record: `initial` fixes the offset, with `final` the gain too; `final`
         alone keeps offset + step_size gain = final;
-    - the order n, except a real n of `EqualLag`.
+    - the order n, except a real n of `EqualLag`; a lag of 0 of `PTn` is none and stays none.
 
     **Arguments:**
 
@@ -116,7 +116,7 @@ def _refine(record, model, fixed, weights, loss, solver, max_steps) -> Identific
     fit = Fit(safe, model, weights_of(record, weights), fixed)
     if solver is None:
         eps = float(jnp.finfo(safe.y.dtype).eps)
-        atol = 0.5 * accuracy(safe.y.dtype) ** 2 * safe.y.size
+        atol = 0.5 * least_loss(safe.y.dtype, safe)
         solver = BoundedLevenbergMarquardt(rtol=eps**0.5, atol=atol)
     noise = {}
     if loss == "huber":
@@ -135,7 +135,7 @@ def _refine(record, model, fixed, weights, loss, solver, max_steps) -> Identific
     details = {
         "steps": found.steps,
         "at_bound": fit.at_bound(found.x),
-        "aicc": aicc(loss_value, jnp.sum(fit.weights > 0), len(free)),
+        "aicc": aicc(loss_value, jnp.sum(fit.weights > 0), len(free) - jnp.sum(fit.absent)),
     }
     result = conclude(safe, fitted, status, response=g, free=free, details=details | noise)
     return dataclasses.replace(result, record=record)

@@ -42,6 +42,11 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     minimum at a kink, such as a dead time on a sample. The result is the best point seen, and from
     there the step that promised so little, unless it is long.
 
+    Where residuals are so curved that their Jacobian loses a direction, `options["curvature"]`,
+    a function of (args, y), adds $\sum_i r_i \nabla^2 r_i$ to the normal matrix, whose negative
+    eigenvalues then count as positive ones; `options["along"]`, a function of (args, y, step),
+    gives the end of a step on the curve that follows the valley, with the step as its tangent.
+
     Parameters are a tuple of numbers, or a row of them. With a tuple, the derivative in one does
     not compute what depends on the others alone. Bounds come in `options`: `dict(lower=...,
     upper=...)`, rows. The normal matrix squares the condition number: normalise data and
@@ -86,15 +91,19 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         better = cost < state.cost
         ratio = (state.cost - cost) / jnp.where(state.predicted > 0, state.predicted, 1)
         shrink = jnp.maximum(0.1, 1 - (2 * jnp.clip(ratio, 0, 1) - 1) ** 3)
-        more = jnp.maximum(state.damping * state.growth, REFUSED)
+        curved = "curvature" in options
+        more = jnp.maximum(state.damping * state.growth, 0 if curved else REFUSED)
         damping = jnp.where(better, state.damping * shrink, more)
         damping = jnp.where(first, state.damping, damping)
-        growth = jnp.where(better, 2, 2 * state.growth)
+        growth = jnp.where(better, 2, (4 if curved else 2) * state.growth)
 
         y = jnp.where(better, new, y)
         cost = jnp.where(better, cost, state.cost)
         gradient = jnp.where(better, products[:-1, -1], state.gradient)
-        matrix = jnp.where(better, products[:-1, :-1], state.matrix)
+        normal = products[:-1, :-1]
+        if curved:
+            normal = _positive(normal, options["curvature"](args, new))
+        matrix = jnp.where(better, normal, state.matrix)
 
         free = free_parameters(y, gradient, lower, upper)
         full = _damped_step(matrix, gradient, free, jnp.zeros_like(damping))
@@ -102,6 +111,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         candidate = _bounded_step(matrix, gradient, free, damping, y, lower, upper)
         move = candidate - y
         predicted = -(gradient @ move) - 0.5 * move @ matrix @ move
+        if "along" in options:
+            candidate = jnp.clip(options["along"](args, y, move), lower, upper)
 
         eps = jnp.finfo(y.dtype).eps
         stalled = (damping > 1 / eps) | (jnp.max(jnp.abs(move)) <= eps * jnp.max(jnp.abs(y)))
@@ -168,8 +179,18 @@ def inner_products(rows: list[Float[Array, " residuals"]]) -> Float[Array, "rows
 
 
 def free_parameters(y, gradient, lower, upper) -> Bool[Array, " p"]:
-    """Parameters that are not on a bound with the cost falling beyond it."""
-    return ~(((y <= lower) & (gradient > 0)) | ((y >= upper) & (gradient < 0)))
+    """Parameters that can move, and are not on a bound with the cost falling beyond it."""
+    stuck = ((y <= lower) & (gradient > 0)) | ((y >= upper) & (gradient < 0))
+    return (lower < upper) & ~stuck
+
+
+def _positive(normal: Array, curvature: Array) -> Array:
+    """Their sum with the absolute values of its eigenvalues, scaled by the normal matrix."""
+    diagonal = jnp.diagonal(normal) + jnp.abs(jnp.diagonal(curvature))
+    scale = jnp.sqrt(jnp.where(diagonal > 0, diagonal, 1))
+    scale = scale[:, None] * scale[None, :]
+    values, vectors = jnp.linalg.eigh((normal + curvature) / scale)
+    return (vectors * jnp.abs(values)) @ vectors.T * scale
 
 
 def _bounded_step(matrix, gradient, free, damping, y, lower, upper) -> Array:

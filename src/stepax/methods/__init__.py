@@ -8,7 +8,7 @@ from .._models import FOPDT, SOPDT, AbstractPlant, EqualLag, Hudzovic, PTn, Sani
 from .._result import Identification
 from ._areas import area_fopdt, moments_fopdt, moments_ptn, moments_sopdt
 from ._charts import harriott, smith
-from ._fits import fopdt_fit, hudzovic_fit, sani_fit, sopdt_fit
+from ._fits import fopdt_fit, hudzovic_fit, ptn_fit, sani_fit, sopdt_fit
 from ._lookup import (
     hudzovic_t10_t50_t90,
     hudzovic_tu_tg,
@@ -70,6 +70,7 @@ _GIVES: dict[Callable[..., Identification], type[AbstractPlant]] = {
     # least squares
     hudzovic_fit: Hudzovic,
     sani_fit: Sani,
+    ptn_fit: PTn,
     fopdt_fit: FOPDT,
     sopdt_fit: SOPDT,
 }
