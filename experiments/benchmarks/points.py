@@ -265,7 +265,7 @@ def main():
     charts, loop, rows = Charts(), [], np.zeros(0)
     for _ in range(REPETITIONS):
         start = time.perf_counter()
-        rows = np.array([by_numpy(*record, charts) for record in zip(*host, strict=True)])
+        rows = np.array([by_numpy(t, y, charts) for t, y in zip(*host, strict=True)])
         loop.append(time.perf_counter() - start)
     rates = {
         "a  stepax, seven methods": RECORDS / duration,

@@ -29,15 +29,26 @@ def _loess(t: Samples, y: Samples, at: Samples, span: float) -> Samples:
     # In sorted times the nearest samples are contiguous; the window moves on when its first
     # sample is farther away than the one after its last.
     starts = jnp.searchsorted(t[:-count] + t[count:], 2 * at) if count < t.shape[0] else 0 * at
-    index = jnp.asarray(starts, int)[:, None] + jnp.arange(count)[None, :]
-    x = t[index] - at[:, None]
-    reach = jnp.max(jnp.abs(x), axis=1, keepdims=True)
-    x = x / jnp.where(reach > 0, reach, 1)
-    weight = (1 - jnp.minimum(jnp.abs(x), 1) ** 3) ** 3
-    basis = jnp.stack([jnp.ones_like(x), x, x * x], axis=-1)
-    normal = jnp.einsum("nk,nki,nkj->nij", weight, basis, basis)
-    right = jnp.einsum("nk,nki,nk->ni", weight, basis, y[index])
-    return _solve_spd(normal, right)[:, 0]
+    starts = jnp.asarray(starts, int)
+    reach = jnp.maximum(at - t[starts], t[starts + count - 1] - at)
+    reach = jnp.where(reach > 0, reach, 1)
+
+    def add(sums, k):
+        x = (t[starts + k] - at) / reach
+        moment = (1 - jnp.minimum(jnp.abs(x), 1) ** 3) ** 3
+        moments = [moment]
+        for _ in range(4):
+            moment = moment * x
+            moments.append(moment)
+        terms = [*moments, *(m * y[starts + k] for m in moments[:3])]
+        return [total + term for total, term in zip(sums, terms, strict=True)], None
+
+    sums, _ = jax.lax.scan(add, [jnp.zeros_like(at * y[0])] * 8, jnp.arange(count))
+    s0, s1, s2, s3, s4, r0, r1, r2 = sums
+    # The normal equations, eliminated from the quadratic coefficient down to the constant.
+    a, b = s3 / s4, s2 / s4
+    c = (s1 - s2 * a) / (s2 - s3 * a)
+    return (r0 - b * r2 - c * (r1 - a * r2)) / (s0 - s2 * b - c * (s1 - s2 * a))
 
 
 def _window(samples: int, span: float) -> int:
@@ -49,11 +60,6 @@ def _window(samples: int, span: float) -> int:
             f"span={span} of {samples} samples is a window of {count}: LOESS needs at least 4."
         )
     return count
-
-
-def _solve_spd(matrix: Array, right: Array) -> Array:
-    """Solution of small symmetric positive definite systems."""
-    return jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(matrix), True), right[..., None])[..., 0]
 
 
 def sliding_average(y: Float[ArrayLike, " samples"], width: int) -> Samples:

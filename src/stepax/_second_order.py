@@ -52,16 +52,12 @@ def lags_of(shape: Scalar, total: Scalar) -> Float[Array, "2"]:
     return 0.5 * total * jnp.stack([1 + contrast, 1 - contrast])
 
 
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
 def level_times(levels: tuple[float, ...], shape: Scalar) -> Float[Array, " levels"]:
     """Times of the first crossings of `levels`, in the unit of time of that shape.
 
     Roots of ln(g/(1-g)), nearly straight in ln t; an oscillation is cut off at its first peak.
     """
-    return _level_times(levels, shape)
-
-
-@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _level_times(levels: tuple[float, ...], shape: Scalar) -> Array:
     shares = np.array(levels)
     target = jnp.asarray(np.log(shares / (1 - shares)), shape.dtype)
     eps = jnp.finfo(shape.dtype).eps
@@ -80,11 +76,11 @@ def _level_times(levels: tuple[float, ...], shape: Scalar) -> Array:
     return jnp.exp(increasing_root(logit, lowest, peak, jnp.minimum(start, peak)))
 
 
-@_level_times.defjvp
+@level_times.defjvp
 def _level_times_jvp(levels, primals, tangents):
     """Implicit function theorem: the response stays at its level."""
     (shape,), (shape_dot,) = primals, tangents
-    x = _level_times(levels, shape)
+    x = level_times(levels, shape)
     _, by_time = jax.jvp(lambda x: unit_response(x, shape), (x,), (jnp.ones_like(x),))
     _, by_shape = jax.jvp(lambda s: unit_response(x, s), (shape,), (jnp.ones_like(shape),))
     return x, -by_shape / by_time * shape_dot

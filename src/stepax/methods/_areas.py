@@ -32,8 +32,8 @@ def integrals(
     """Integrals of t^k (1 - y) over t from the step to `upper`, at most the record's end.
 
     The cubic through the four nearest samples is integrated exactly: an error of fourth order in
-    the sampling interval, about 1e-10 for 2000 samples of a smooth response, where the trapezoid
-    rule has 1e-6; of second order across the kink of a dead time.
+    the sampling interval, 1e-9 or less for 2000 samples over ten sums of the lags, where the
+    trapezoid rule has 3e-6; of second order across the kink of a dead time.
     """
     t, y = safe.t - safe.step_time, relative_response(safe)
     last = t[-1] if upper is None else jnp.clip(upper, 0, t[-1])

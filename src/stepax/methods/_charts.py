@@ -162,8 +162,8 @@ def smith(
     last = no_damping if underdamped else equal_lags
     shape, low, high = clamped_root(lambda x: ratio - smith_ratio(x)[0], last, one_lag)
     status = end_status(
-        (low / ratio, tolerance, Status.beyond_second_order),
-        (-high / ratio, tolerance, Status.beyond_first_order),
+        (low / (ratio - low), tolerance, Status.beyond_second_order),
+        (-high / (ratio - high), tolerance, Status.beyond_first_order),
     )
     total = t60 / smith_ratio(shape)[1]
     if underdamped:

@@ -38,8 +38,8 @@ def solve_shape(
 
     shape, low, high = clamped_root(excess, lowest, highest)
     status = end_status(
-        (low / measured, tolerance, Status.beyond_second_order),
-        (-high / measured, tolerance, Status.beyond_first_order),
+        (low / (measured + low), tolerance, Status.beyond_second_order),
+        (-high / (measured + high), tolerance, Status.beyond_first_order),
     )
     x = level_times(levels, shape)
     unit = (times[2] - times[0]) / (x[2] - x[0])
