@@ -1,0 +1,61 @@
+"""Figure 8: error against the order of the plant, without noise, 200 random plants per order."""
+
+from matplotlib.axes import Axes
+
+from experiments.murray.correct import lost
+from experiments.murray.drawing import finish, line, new_figure, order_axes
+from experiments.murray.order_study import order_study, plants_per_order, rms_by_order
+from experiments.murray.runner import Outcome, Settings, main
+
+
+TITLES = {
+    "legacy": "as the paper computed it",
+    "correct": "exact curves, known levels",
+}
+
+FLOOR = 3e-4
+"""Lowest error that figures 8 and 9 show."""
+
+
+def name_those_below(axes: Axes, largest: float) -> None:
+    """Say how small the errors at n = 2 are that lie below the axis."""
+    text = f"n = 2:\nothers\n≤ {largest:.0e}"
+    axes.annotate(text, (2, 1.1 * FLOOR), fontsize=9, color="0.3", ha="center")
+
+
+def run(settings: Settings) -> Outcome:
+    frame = order_study(settings)
+    table = rms_by_order(frame)
+    figure = new_figure((11, 6))
+    panels = figure.subplots(1, 2, sharey=True)
+    count = plants_per_order(settings)
+    for axes, (protocol, title) in zip(panels, TITLES.items(), strict=True):
+        rows = table.loc[protocol]
+        for method, row in rows.iterrows():
+            line(axes, str(method), row.index, row.values, markers=True)
+        below = rows[2][rows[2] < FLOOR]
+        if below.size:
+            name_those_below(axes, below.max())
+        order_axes(axes, title, f"RMSE, root mean square over {count} plants")
+        axes.set_yscale("log")
+    panels[0].set_ylim(FLOOR, 0.1)
+    figure.suptitle("Error against order (Murray 2016, figure 8)")
+    finish(figure, panels)
+    correct = table.loc["correct"]
+    lookup, formulae = correct.loc["sani_t10_t50_t90"], correct.loc["sani_interpolation"]
+    fits = correct.loc[["hudzovic_fit", "sani_fit"]]
+    numbers = {
+        "Sani lookup, largest RMS for n = 3..8": lookup.loc[3:].max(),
+        "formulae / lookup, smallest ratio for n = 3..8": (formulae / lookup).loc[3:].min(),
+        "formulae, RMS at n = 4": formulae[4],
+        "formulae, RMS at n = 8": formulae[8],
+        "fits at n = 2, largest RMS": fits[2].max(),
+        "fits at n = 3..8, RMS from": fits.loc[:, 3:].min(axis=None),
+        "fits at n = 3..8, RMS to": fits.loc[:, 3:].max(axis=None),
+        "refusals": int(lost(frame[frame.protocol == "correct"]).sum()),
+    }
+    return Outcome(frame, figure, numbers)
+
+
+if __name__ == "__main__":
+    main(__file__)
