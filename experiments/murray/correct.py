@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from experiments.cores import on_all_cores
+from experiments.murray.runner import Frame
 from stepax import METHODS, PTn, Status, StepRecord, smooth
 
 
@@ -57,7 +58,7 @@ def _smooth(t, y):
     return smooth(t, y, SPAN)
 
 
-def errors(lags, t, noise=None) -> pd.DataFrame:
+def errors(lags, t, noise=None) -> Frame:
     """Rows (plant, method, rmse, status, n, T, r) of plants (count, 8) at times (count, samples).
 
     With noise, which is added to the response, lookups smooth with LOESS over `SPAN`.
@@ -87,6 +88,6 @@ def errors(lags, t, noise=None) -> pd.DataFrame:
     )
 
 
-def lost(frame: pd.DataFrame) -> pd.Series:
+def lost(frame: Frame) -> Frame:
     """Which rows hold no result of the method: refusals, and default values of the old code."""
     return frame.rmse.isna() | (frame.status == "fallback")

@@ -46,7 +46,7 @@ def line(axes: Axes, method: str, x, y, markers: bool = False, **changes: Any) -
 def finish(figure: Figure, panels: Iterable[Axes], columns: int = 4, legend: bool = True) -> None:
     """A quiet frame and grid, and one legend below all panels."""
     panels = list(panels)
-    entries = {look.label: None for look in LOOKS.values()}
+    entries: dict[str, Any] = {look.label: None for look in LOOKS.values()}
     for axes in panels:
         axes.grid(color="0.9", linewidth=0.6)
         axes.set_axisbelow(True)
@@ -61,8 +61,8 @@ def finish(figure: Figure, panels: Iterable[Axes], columns: int = 4, legend: boo
         )  # fmt: skip
 
 
-def order_axes(axes: Axes, title: str, ylabel: str) -> None:
-    axes.set(title=title, xlabel="order n of the plant", ylabel=ylabel, xticks=range(2, 9))
+def order_axes(axes: Axes, title: str) -> None:
+    axes.set(title=title, xlabel="order n of the plant", xticks=range(2, 9))
 
 
 def rms(values) -> float:

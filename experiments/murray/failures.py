@@ -8,7 +8,7 @@ import pandas as pd
 from experiments.murray.correct import FITS, lost
 from experiments.murray.drawing import finish, line, new_figure, order_axes
 from experiments.murray.order_study import ORDERS, order_study, study
-from experiments.murray.runner import Outcome, Settings, main
+from experiments.murray.runner import Frame, Outcome, Settings, main
 
 
 NOISE = 0.2
@@ -17,7 +17,7 @@ TITLES = {"legacy": "author's code: default values T = 1", "correct": "package: 
 
 def run(settings: Settings) -> Outcome:
     noisy = study(settings, "failures", NOISE, fits=False)
-    frame = pd.concat([order_study(settings).assign(noise=0.0), noisy.assign(noise=NOISE)])
+    frame: Frame = pd.concat([order_study(settings).assign(noise=0.0), noisy.assign(noise=NOISE)])
     frame["failed"] = lost(frame)
     columns = ["noise", "protocol", "method", "order"]
     rate = 100 * frame.groupby(columns).failed.mean().unstack("order")
@@ -27,7 +27,9 @@ def run(settings: Settings) -> Outcome:
         for axes, (protocol, title) in zip(line_of_panels, TITLES.items(), strict=True):
             for method, row in rate.loc[(noise, protocol)].iterrows():
                 line(axes, str(method), row.index, row.values, markers=True)
-            order_axes(axes, f"{title}\nnoise {100 * noise:.0f} % peak to peak", "failed, %")
+            level = f"noise {100 * noise:.0f} % peak to peak" if noise else "no noise"
+            order_axes(axes, f"{title}\n{level}")
+        line_of_panels[0].set_ylabel("failed, % of the plants")
     panels[0, 0].set_ylim(-2, None)
     figure.suptitle("Failure rate against order (Murray 2016, appendix A.2.1)")
     finish(figure, panels.flat)

@@ -11,7 +11,7 @@ def run(settings: Settings) -> Outcome:
     levels, old = settings.size(10_000, 400), settings.size(2500, 100)
     frame = pt4_study(settings, "figure 12", 2.0, levels, old)
     title = "Error against noise, PT4 plant, long view (Murray 2016, figure 12)"
-    figure = draw(frame, title, settings.size(1, 3) / 100, 0.0031, (1e-4, 1.0))
+    figure = draw(frame, title, settings.size(2, 3) / 100, 0.0031, (1e-4, 1.0))
     return Outcome(frame, figure, key_numbers(frame, (0.01, 0.2, 0.35, 0.5, 1.0, 1.99)))
 
 

@@ -20,7 +20,7 @@ FLOOR = 3e-4
 def name_those_below(axes: Axes, largest: float) -> None:
     """Say how small the errors at n = 2 are that lie below the axis."""
     text = f"n = 2:\nothers\n≤ {largest:.0e}"
-    axes.annotate(text, (2, 1.1 * FLOOR), fontsize=9, color="0.3", ha="center")
+    axes.annotate(text, (1.78, 1.1 * FLOOR), fontsize=9, color="0.3")
 
 
 def run(settings: Settings) -> Outcome:
@@ -36,9 +36,9 @@ def run(settings: Settings) -> Outcome:
         below = rows[2][rows[2] < FLOOR]
         if below.size:
             name_those_below(axes, below.max())
-        order_axes(axes, title, f"RMSE, root mean square over {count} plants")
+        order_axes(axes, title)
         axes.set_yscale("log")
-    panels[0].set_ylim(FLOOR, 0.1)
+    panels[0].set(ylim=(FLOOR, 0.1), ylabel=f"RMSE, root mean square over {count} plants")
     figure.suptitle("Error against order (Murray 2016, figure 8)")
     finish(figure, panels)
     correct = table.loc["correct"]

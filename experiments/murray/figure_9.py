@@ -35,11 +35,9 @@ def run(settings: Settings) -> Outcome:
         label = f"{LOOKS[method].label}, {'solved' if method == 'sani_interpolation' else 'exact'}"
         line(axes, method, orders, table.loc[("correct", method)], markers=True, label=label)
     count = plants_per_order(settings)
-    order_axes(
-        axes, "Sani's formulae and the lookup (Murray 2016, figure 9)",
-        f"RMSE, root mean square over {count} plants",
-    )  # fmt: skip
+    order_axes(axes, "Sani's formulae and the lookup (Murray 2016, figure 9)")
     axes.set(yscale="log", ylim=(FLOOR, 0.1))
+    axes.set_ylabel(f"RMSE, root mean square over {count} plants")
     name_those_below(axes, float(table.loc[("correct", "sani_t10_t50_t90"), 2]))
     finish(figure, [axes], columns=1)
     numbers = {}

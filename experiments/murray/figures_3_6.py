@@ -56,16 +56,16 @@ def seconds() -> float:
 
 def formulae(r):
     """lam and T/t50 by Sani's formulae on the grid, each (7, resolution)."""
-    pairs = [
-        (formula_lam(row, n), 1 / formula_t50(row, n)) for n, row in zip(ORDERS, r, strict=True)
-    ]
-    return np.moveaxis(np.array(pairs), 1, 0)
+    rows = list(zip(r, ORDERS, strict=True))
+    return np.array([[formula_lam(*row) for row in rows], [1 / formula_t50(*row) for row in rows]])
 
 
 def run(settings: Settings) -> Outcome:
     found = {family: Values(*curves(family)) for family in (Hudzovic, Sani)}
     duration = seconds()
-    approximate = dict(zip(("lam", "inv_t50"), formulae(found[Sani].r), strict=True))
+    approximate: dict[str, np.ndarray] = dict(
+        zip(("lam", "inv_t50"), formulae(found[Sani].r), strict=True)
+    )
     figure = new_figure((16, 8.5))
     panels = figure.subplots(2, 4)
     numbers: dict[str, str | float] = {"700 points, seconds": duration}

@@ -225,7 +225,9 @@ def fit(start: Model, t, y):
         return start._replace(T=x[0], r=x[1]).response(t) - y
 
     try:
-        x = least_squares(residual, [start.T, start.r], ftol=1e-6, xtol=1e-6, gtol=1e-6).x
+        with np.errstate(invalid="ignore"):  # from unstable trial steps, which are infinite
+            start_values = [start.T, start.r]
+            x = least_squares(residual, start_values, ftol=1e-6, xtol=1e-6, gtol=1e-6).x
     except ValueError:  # the start, or a neighbour of it, is unstable
         return start._replace(T=np.nan, r=np.nan, fallback=False)
     return start._replace(T=x[0], r=x[1], fallback=False)

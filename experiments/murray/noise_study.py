@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from experiments.murray import correct, legacy
 from experiments.murray.drawing import LOOKS, finish, line, new_figure
 from experiments.murray.plants import PT4_LAGS, padded, random_lags, record_times
-from experiments.murray.runner import Settings
+from experiments.murray.runner import Frame, Settings
 from stepax import sliding_average
 
 
@@ -20,7 +20,7 @@ TITLES = {"legacy": "author's code", "correct": "exact curves, known levels"}
 FAILED = {"legacy": "default values T = 1, %", "correct": "refused by status, %"}
 
 
-def pt4_study(settings: Settings, name: str, top: float, levels: int, old: int) -> pd.DataFrame:
+def pt4_study(settings: Settings, name: str, top: float, levels: int, old: int) -> Frame:
     """The plant of figures 10 and 12 at `levels` noise levels from 0 to `top`, one draw each.
 
     The legacy code runs on `old` of the same records, in which it does not know the gain.
@@ -37,7 +37,7 @@ def pt4_study(settings: Settings, name: str, top: float, levels: int, old: int) 
 
 def random_study(
     settings: Settings, name: str, top: float, levels: int, plants: int, old: int
-) -> pd.DataFrame:
+) -> Frame:
     """Random plants of random order, `plants` at each of `levels` noise levels from 0 to `top`.
 
     The legacy code runs on `old` other plants at each level, on its own sampling.
@@ -62,13 +62,13 @@ def _any_order(generator, count):
     )  # fmt: skip
 
 
-def _frame(found, noise, rows) -> pd.DataFrame:
+def _frame(found, noise, rows) -> Frame:
     found = found.assign(protocol="correct", noise=noise[found.plant])
     old = pd.DataFrame(rows, columns=["noise", "method", "rmse", "status", "n", "T", "r"])
     return pd.concat([old.assign(protocol="legacy")[COLUMNS], found[COLUMNS]])
 
 
-def ranked(frame: pd.DataFrame) -> pd.Series:
+def ranked(frame: Frame) -> Frame:
     """RMSE with refusals as infinite, so that a median counts them as worse than any result.
 
     Default values of the legacy code keep their error, as in the paper.
@@ -76,24 +76,24 @@ def ranked(frame: pd.DataFrame) -> pd.Series:
     return frame.rmse.fillna(np.inf)
 
 
-def near(frame: pd.DataFrame, noise: float, width: float = 0.01) -> pd.DataFrame:
+def near(frame: Frame, noise: float, width: float = 0.01) -> Frame:
     """Rows within `width` of a noise level."""
     return frame[(frame.noise - noise).abs() <= width + 1e-12]
 
 
-def medians(frame: pd.DataFrame, noise: float) -> pd.Series:
+def medians(frame: Frame, noise: float) -> Frame:
     """Median RMSE by protocol and method within 1 % of a noise level; refusals are worst."""
     part = near(frame, noise)
     return ranked(part).groupby([part.protocol, part.method]).median()
 
 
-def failure_rates(frame: pd.DataFrame, noise: float) -> pd.Series:
+def failure_rates(frame: Frame, noise: float) -> Frame:
     """Per cent of refusals or default values, by protocol and method, within 1 % of a level."""
     part = near(frame, noise)
     return 100 * correct.lost(part).groupby([part.protocol, part.method]).mean()
 
 
-def curve(part: pd.DataFrame, half: float, share: float):
+def curve(part: Frame, half: float, share: float):
     """Noise levels, running median of the RMSE over +-`half`, and running rate of failures.
 
     The median is smoothed by a sliding average over a share of the levels, as the paper smoothed
@@ -112,7 +112,7 @@ def curve(part: pd.DataFrame, half: float, share: float):
     return levels, np.asarray(smooth), rate
 
 
-def draw(frame: pd.DataFrame, title: str, half: float, share: float, limits) -> Figure:
+def draw(frame: Frame, title: str, half: float, share: float, limits) -> Figure:
     """Error above, failures below; the author's code on the left, the package on the right."""
     figure = new_figure((12, 9))
     panels = figure.subplots(2, 2, sharex=True, sharey="row", height_ratios=[2.2, 1])
@@ -126,22 +126,21 @@ def draw(frame: pd.DataFrame, title: str, half: float, share: float, limits) -> 
         error.set(title=TITLES[protocol], yscale="log", ylim=limits)
         failed.set(xlabel="noise, peak to peak, % of the step", ylabel=FAILED[protocol])
     window = f"median within ±{100 * half:.2g} % noise" if half else "median over the plants"
-    panels[0, 0].set_ylabel(
-        f"RMSE, {window},\nsliding average over {100 * share:.2g} % of the axis"
-    )
+    average = f"sliding average over {100 * share:.2g} % of the axis"
+    panels[0, 0].set_ylabel(f"RMSE, {window},\n{average}")
     figure.suptitle(f"{title}\nA refusal counts as worse than any result", fontsize=12)
     finish(figure, panels.flat)
     return figure
 
 
-def key_numbers(frame: pd.DataFrame, levels) -> dict[str, str | float]:
+def key_numbers(frame: Frame, levels) -> dict[str, str | float]:
     """Medians and failures of the package at some noise levels."""
     numbers: dict[str, str | float] = {}
     for level in levels:
         middle, rate = medians(frame, level)["correct"], failure_rates(frame, level)["correct"]
         numbers[f"median RMSE at {100 * level:.0f} % noise"] = ", ".join(
             f"{LOOKS[method].label} {middle[method]:.4f}"
-            + (f" ({rate[method]:.0f} % refused)" if rate[method] else "")
+            + (f" ({rate[method]:.0f} % refused)" if rate[method] > 0.5 else "")
             for method in (*correct.LOOKUPS, *correct.FITS)
         )
     return numbers

@@ -8,7 +8,7 @@ import pandas as pd
 from experiments.murray import correct, legacy
 from experiments.murray.drawing import rms
 from experiments.murray.plants import random_lags, record_times
-from experiments.murray.runner import Settings
+from experiments.murray.runner import Frame, Settings
 
 
 ORDERS = range(2, 9)
@@ -20,7 +20,7 @@ def plants_per_order(settings: Settings) -> int:
 
 
 @functools.cache
-def order_study(settings: Settings) -> pd.DataFrame:
+def order_study(settings: Settings) -> Frame:
     """Rows (protocol, order, plant, method, rmse, status, n, T, r); the same plants in both.
 
     Correct: records from 0 to 99.9 % of the change, 253 samples, which are at least 8 before the
@@ -29,7 +29,7 @@ def order_study(settings: Settings) -> pd.DataFrame:
     return study(settings, "orders")
 
 
-def study(settings: Settings, name: str, noise: float = 0.0, fits: bool = True) -> pd.DataFrame:
+def study(settings: Settings, name: str, noise: float = 0.0, fits: bool = True) -> Frame:
     """The same with uniform noise, peak to peak `noise`; `fits` of the legacy code."""
     generator, count = settings.generator(name), plants_per_order(settings)
     lags = np.concatenate([random_lags(generator, count, n) for n in ORDERS])
@@ -51,7 +51,7 @@ def study(settings: Settings, name: str, noise: float = 0.0, fits: bool = True) 
     return frame[["protocol", "order", *RESULTS]]
 
 
-def rms_by_order(frame: pd.DataFrame) -> pd.DataFrame:
+def rms_by_order(frame: Frame) -> Frame:
     """RMS over the plants of the RMSE: one row per protocol and method, one column per order.
 
     The legacy code's default values count with their error, as they did in the paper; refusals do

@@ -3,16 +3,20 @@
 import argparse
 import importlib
 import time
+from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
 from experiments.cores import use_all_cores
+
+
+Frame = Any
+"""A pandas DataFrame, whose stubs do not follow selections and groups."""
 
 
 class Settings(NamedTuple):
@@ -33,9 +37,9 @@ class Settings(NamedTuple):
 class Outcome(NamedTuple):
     """What a script's `run(settings)` returns: its CSV, its PNG and its key numbers."""
 
-    frame: pd.DataFrame
+    frame: Frame
     figure: Figure | None
-    numbers: dict[str, str | float]
+    numbers: Mapping[str, str | float]
 
 
 class Finished(NamedTuple):
@@ -43,7 +47,7 @@ class Finished(NamedTuple):
 
     files: str
     seconds: float
-    numbers: dict[str, str | float]
+    numbers: Mapping[str, str | float]
 
 
 def run_script(name: str, settings: Settings) -> Finished:
@@ -90,7 +94,7 @@ def show(finished: list[Finished], settings: Settings) -> None:
             table.add_row(*(first if place == 0 else ["", ""]), key, text)
         table.add_section()
     console = Console()
-    console.width = max(console.width, 120)
+    console.width = max(console.width, 160)
     console.print(table)
     total = sum(script.seconds for script in finished)
     size = "quick" if settings.quick else "full"

@@ -10,7 +10,7 @@ import pandas as pd
 from experiments.murray import correct
 from experiments.murray.drawing import LOOKS, finish, line, new_figure
 from experiments.murray.plants import PT4_LAGS, padded, record_times
-from experiments.murray.runner import Outcome, Settings, main
+from experiments.murray.runner import Frame, Outcome, Settings, main
 from experiments.numpy_responses import chain_lags
 from stepax import Hudzovic, PTn, Sani, smooth
 
@@ -41,21 +41,24 @@ def run(settings: Settings) -> Outcome:
         if added is not None:
             look = {"color": "0.35", "linewidth": 1, "label": "record, LOESS over 20 %"}
             response.plot(t, smooth(t, y, correct.SPAN), **look)
-        for row in found[~correct.lost(found)].itertuples():
-            family = Hudzovic if str(row.method).startswith("hudzovic") else Sani
-            model = family(T=row.T, r=row.r, n=int(row.n), gain=SPAN_OF_OUTPUT, offset=OFFSET)
+        for row in found[~correct.lost(found)].to_dict("records"):
+            method = row["method"]
+            family = Hudzovic if method.startswith("hudzovic") else Sani
+            own = {name: row[name] for name in ("T", "r", "n")}
+            model = family(**own, gain=SPAN_OF_OUTPUT, offset=OFFSET)
             modelled = model.step_response(t)
-            line(response, str(row.method), t, modelled, linewidth=1.4)
-            line(error, str(row.method), t, modelled - clean, linewidth=1.2)
+            line(response, method, t, modelled, linewidth=1.4)
+            line(error, method, t, modelled - clean, linewidth=1.2)
         response.set(title=TITLES[title], ylabel="temperature, °C")
         error.set(xlabel="time", ylabel="model - clean response, °C")
     figure.suptitle("All methods on one record (Murray 2016, A.2.8 and A.2.9)")
     finish(figure, panels.flat, columns=5)
-    frame = pd.concat(frames)[["record", "method", "n", "T", "r", "rmse", "status"]]
+    frame: Frame = pd.concat(frames)[["record", "method", "n", "T", "r", "rmse", "status"]]
     numbers = {
-        f"{row.record}, {LOOKS[row.method].label}": f"n {row.n}, T {row.T:.4f}, r {row.r:.4f},"
-        f" RMSE {row.rmse:.2e} °C"
-        for row in frame.itertuples()
+        "{record}, {label}".format(**row, label=LOOKS[row["method"]].label): (
+            "n {n}, T {T:.4f}, r {r:.4f}, RMSE {rmse:.2e} °C, {status}".format(**row)
+        )
+        for row in frame.to_dict("records")
     }
     return Outcome(frame, figure, numbers)
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pandas as pd
 
-from experiments.murray.correct import FITS, LOOKUPS, lost
+from experiments.murray.correct import FITS, LOOKUPS
 from experiments.murray.noise_study import failure_rates, medians
 from experiments.murray.order_study import rms_by_order
-from experiments.murray.runner import Outcome, Settings, main
+from experiments.murray.runner import Frame, Outcome, Settings, main
 
 
 T3, FORMULAE, LOOKUP = "hudzovic_t10_t50_t90", "sani_interpolation", "sani_t10_t50_t90"
@@ -14,7 +14,7 @@ ORDERS = range(2, 9)
 
 
 def run(settings: Settings) -> Outcome:
-    def read(name: str) -> pd.DataFrame:
+    def read(name: str) -> Frame:
         try:
             return pd.read_csv(settings.out / f"{name}.csv")
         except FileNotFoundError:
@@ -42,13 +42,17 @@ def listed(values, digits: int = 2) -> str:
     return " ".join(f"{value:.{digits}f}" for value in values)
 
 
-def order_rows(frame: pd.DataFrame):
+def order_rows(frame: Frame):
     """Statements 1 to 7, 10 and 12: figures 8 and 9; errors in thousandths, n = 2..8."""
     table = rms_by_order(frame) * 1000
     for protocol in ("legacy", "correct"):
         part = table.loc[protocol]
         best_fit, best_lookup = part.loc[[*FITS]].min(), part.loc[[*LOOKUPS]].min()
-        yield 1, f"{protocol}: orders at which a fit is best", f"{(best_fit < best_lookup).sum()} of 7"
+        yield (
+            1,
+            f"{protocol}: orders at which a fit is best",
+            f"{(best_fit < best_lookup).sum()} of 7",
+        )
         yield 2, f"{protocol}: Hudzovic t3 / best fit", listed((part.loc[T3] / best_fit)[1:])
         yield 3, f"{protocol}: Hudzovic fit, RMS 1e-3", listed(part.loc["hudzovic_fit"], 3)
         yield 3, f"{protocol}: Sani fit, RMS 1e-3", listed(part.loc["sani_fit"], 3)
@@ -59,7 +63,11 @@ def order_rows(frame: pd.DataFrame):
         wins = share_won(frame, protocol, LOOKUP, T3)
         yield 5, f"{protocol}: Sani lookup beats Hudzovic t3, % of plants", listed(wins, 0)
         yield 6, f"{protocol}: formulae, RMS 1e-3", listed(part.loc[FORMULAE])
-        yield 7, f"{protocol}: formulae / lookup", listed((part.loc[FORMULAE] / part.loc[LOOKUP])[1:])
+        yield (
+            7,
+            f"{protocol}: formulae / lookup",
+            listed((part.loc[FORMULAE] / part.loc[LOOKUP])[1:]),
+        )
         yield 10, f"{protocol}: Hudzovic Tu/Tg, RMS 1e-3", listed(part.loc["hudzovic_tu_tg"], 3)
         yield 10, f"{protocol}: Sani Tu/Tg, RMS 1e-3", listed(part.loc["sani_tu_tg"], 3)
     formulae = frame[(frame.protocol == "legacy") & (frame.method == FORMULAE)]
@@ -74,7 +82,7 @@ def share_won(frame, protocol, first, second):
     return 100 * (part[first] < part[second]).groupby(order).mean()
 
 
-def noise_rows(frames: dict[str, pd.DataFrame]):
+def noise_rows(frames: dict[str, Frame]):
     """Statements 1, 2, 4, 8 and 9: figures 10 to 12."""
     for name, frame in frames.items():
         top = frame.noise.max()
@@ -85,21 +93,27 @@ def noise_rows(frames: dict[str, pd.DataFrame]):
             best_fit, best_lookup = values.loc[[*FITS]].max(), values.loc[[*LOOKUPS]].min()
             key = f"{name}, {protocol}"
             yield 1, f"{key}: best lookup / worse fit", listed(best_lookup / best_fit)
-            yield 2, f"{key}: Hudzovic t3 / Hudzovic fit", listed(
-                values.loc[T3] / values.loc["hudzovic_fit"]
+            yield (
+                2,
+                f"{key}: Hudzovic t3 / Hudzovic fit",
+                listed(values.loc[T3] / values.loc["hudzovic_fit"]),
             )
-            yield 4, f"{key}: Sani fit / Hudzovic fit", listed(
-                values.loc["sani_fit"] / values.loc["hudzovic_fit"], 3
+            yield (
+                4,
+                f"{key}: Sani fit / Hudzovic fit",
+                listed(values.loc["sani_fit"] / values.loc["hudzovic_fit"], 3),
             )
-            yield 8, f"{key}: Hudzovic Tu/Tg / t3", listed(
-                values.loc["hudzovic_tu_tg"] / values.loc[T3]
+            yield (
+                8,
+                f"{key}: Hudzovic Tu/Tg / t3",
+                listed(values.loc["hudzovic_tu_tg"] / values.loc[T3]),
             )
             rates = pd.DataFrame({x: failure_rates(frame, x)[protocol] for x in levels})
             yield 9, f"{key}: Hudzovic Tu/Tg failed, %", listed(rates.loc["hudzovic_tu_tg"], 0)
             yield 9, f"{key}: Hudzovic t3 failed, %", listed(rates.loc[T3], 0)
 
 
-def failure_rows(frame: pd.DataFrame):
+def failure_rows(frame: Frame):
     """Failures of the lookups by order."""
     frame["failed"] = frame.plants * ((frame.status == "fallback") | lost_status(frame.status))
     part = frame[frame.method == "hudzovic_tu_tg"].groupby(["noise", "protocol", "order"])
@@ -108,11 +122,11 @@ def failure_rows(frame: pd.DataFrame):
         yield 13, f"{protocol}, noise {100 * noise:.0f} %: Hudzovic Tu/Tg failed, %", listed(row, 1)
 
 
-def lost_status(status: pd.Series) -> pd.Series:
+def lost_status(status: Frame) -> Frame:
     return ~status.isin(["successful", "fallback", "at_equal_lags", "at_first_order", "at_bound"])
 
 
-def refinement_rows(frame: pd.DataFrame):
+def refinement_rows(frame: Frame):
     """Figures 13 and 14: largest squared error of the lookup over that of the fit, and its root."""
     largest = frame.groupby(["figure", "noise", "method"]).squared_error.max()
     for (figure, noise), part in largest.groupby(["figure", "noise"]):
@@ -122,11 +136,11 @@ def refinement_rows(frame: pd.DataFrame):
         yield 14, key, listed([ratio, ratio**0.5], 1)
 
 
-def curve_rows(frame: pd.DataFrame):
+def curve_rows(frame: Frame):
     yield 15, "points of the lookup curves computed", str(len(frame))
 
 
-def resolution_rows(frame: pd.DataFrame):
+def resolution_rows(frame: Frame):
     """Distance of a table's model from that of the exact inversion, and failures."""
     for method, part in frame[frame.points != "exact"].groupby("method"):
         part = part.assign(points=part.points.astype(int))

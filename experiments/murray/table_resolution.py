@@ -15,7 +15,7 @@ from experiments.murray.drawing import LOOKS, finish, line, new_figure, rms
 from experiments.murray.figures_3_6 import curves
 from experiments.murray.order_study import ORDERS
 from experiments.murray.plants import random_lags, record_times
-from experiments.murray.runner import Outcome, Settings, main
+from experiments.murray.runner import Frame, Outcome, Settings, main
 from experiments.numpy_responses import chain_response
 from stepax import Hudzovic, Sani, StepRecord, crossing_times, tangent
 
@@ -56,8 +56,8 @@ def run(settings: Settings) -> Outcome:
     for method, (family, kind) in METHODS.items():
         search = legacy.lookup_tangent if kind == "tangent" else legacy.lookup_levels
         best = [
-            legacy.Model(family, row.T, row.r, row.n)
-            for row in exact[exact.method == method].itertuples()
+            legacy.Model(family, row["T"], row["r"], row["n"])
+            for row in exact[exact.method == method].to_dict("records")
         ]
         response = [model.response(x) for model, x in zip(best, t, strict=True)]
         for plant, model in enumerate(best):
@@ -80,7 +80,7 @@ def run(settings: Settings) -> Outcome:
     return Outcome(frame, draw(table, count), numbers_of(table))
 
 
-def draw(table: pd.DataFrame, count: int):
+def draw(table: Frame, count: int):
     figure = new_figure((14, 5.5))
     panels = figure.subplots(1, 3)
     what = f"RMS over {count} plants of each order 2..8"
@@ -105,7 +105,7 @@ def draw(table: pd.DataFrame, count: int):
     return figure
 
 
-def numbers_of(table: pd.DataFrame) -> dict[str, str | float]:
+def numbers_of(table: Frame) -> dict[str, str | float]:
     numbers: dict[str, str | float] = {}
     for method in METHODS:
         for points in ("exact", 5, 50, 500):
