@@ -1,13 +1,12 @@
 """Pictures: what is on them, and that they need no display."""
 
 from io import BytesIO
-from types import SimpleNamespace
 
 import jax.numpy as jnp
 import pytest
 
 from stepax import FOPDT, Status, StepRecord
-from stepax._plot import _wrapped, plot_comparison, plot_identification
+from stepax._plot import _wrapped, plot_identification
 from stepax._record import Labels
 from stepax._result import conclude
 
@@ -18,20 +17,6 @@ def identification(T=10.0, delay=4.0, status=Status.successful, labels=None, cou
     y = 20 + 5 * (1 - jnp.exp(-jnp.maximum(t - 14, 0) / 10)) + 0.01 * jnp.sin(37 * t)
     record = StepRecord(t, y, step_time=10.0, labels=labels)
     return conclude(record, FOPDT(T=T, gain=5.0, offset=20.0, delay=delay), status)
-
-
-def comparison(*results):
-    rows = [
-        SimpleNamespace(
-            method=f"method_{i}",
-            result=result,
-            fit_percent=result.fit_percent,
-            rmse=result.rmse,
-            status=result.status,
-        )
-        for i, result in enumerate(results)
-    ]
-    return SimpleNamespace(rows=rows)
 
 
 def saved(figure):
@@ -73,18 +58,6 @@ def test_a_refusal_shows_the_record_and_the_reason():
 def test_columns_without_names():
     figure = plot_identification(identification(labels=Labels("", "1", "2")))
     assert [figure.axes[0].get_ylabel(), figure.axes[1].get_xlabel()] == ["output", "time"]
-
-
-def test_comparison():
-    results = [identification(T) for T in (10.0, 11.0, 12.0, 9.0, 13.0, 8.0, 14.0)]
-    figure = plot_comparison(comparison(*results, identification(status=Status.no_inflection)))
-    entries = names(figure)
-    assert entries[0] == "record" and len(entries) == 8
-    assert [entry.split()[0] for entry in entries[1:7]] == [f"method_{i}" for i in range(6)]
-    lines = figure.axes[0].get_lines()[1:7]
-    assert len({line.get_color() for line in lines}) == 6
-    assert saved(figure)
-    assert len(names(plot_comparison(comparison(*results), count=2))) == 4
 
 
 def test_a_long_transfer_function_is_broken_between_factors():

@@ -258,6 +258,30 @@ def test_the_order_is_found(family):
     np.testing.assert_allclose(result.model.T, plants[family].T, rtol=2e-2)
 
 
+def test_a_lag_of_0_is_none_and_stays_none():
+    record = simulated(TRUE["PTn"], noise=0.05)
+    two = COMPILED(record, START["PTn"])
+    three = COMPILED(record, PTn(lags=[3.0, 0.0, 6.0], delay=1.0))
+    np.testing.assert_allclose(three.model.lags, [*two.model.lags, 0], rtol=1e-6)
+    np.testing.assert_allclose(three.std["lags"], [*two.std["lags"], 0], rtol=1e-5)
+    np.testing.assert_allclose(three.details["aicc"], two.details["aicc"], rtol=1e-9)
+    assert bool(three.status == Status.successful)
+    assert np.isfinite(three.covariance).all()
+
+
+def test_ptn_fit_finds_the_number_of_lags():
+    record = simulated(PTn(lags=[8.0, 5.0, 2.0], gain=2.0, offset=5.0), noise=0.0005)
+    fit = stepax.METHODS["ptn_fit"]
+    result = fit(record, fixed=("delay",))
+    assert result.model.lags.shape == (4,) and float(result.model.lags[3]) == 0
+    np.testing.assert_allclose(result.model.lags[:3], [8.0, 5.0, 2.0], rtol=0.05)
+    assert np.isfinite(result.std["lags"]).all() and float(result.std["lags"][3]) == 0
+    alone = fit(record, order=3, fixed=("delay",))
+    np.testing.assert_allclose(alone.model.lags, result.model.lags[:3], rtol=1e-6)
+    with pytest.raises(ValueError, match="order"):
+        fit(record, order="many")
+
+
 @pytest.mark.parametrize(
     ("model", "options", "word"),
     [

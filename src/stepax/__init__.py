@@ -3,12 +3,12 @@
 from ._characterise import Tangent as Tangent
 from ._characterise import crossing_times as crossing_times
 from ._characterise import tangent as tangent
+from ._compare import Comparison as Comparison
+from ._compare import compare as compare
 from ._curves import Curves as Curves
 from ._curves import Lookup as Lookup
 from ._curves import lookup as lookup
 from ._curves import lookup_curves as lookup_curves
-from ._identify import Comparison as Comparison
-from ._identify import compare as compare
 from ._identify import identify as identify
 from ._models import (
     FOPDT as FOPDT,

@@ -7,6 +7,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from ._fit import final_level_ties, weights_of
@@ -31,7 +32,7 @@ HUBER = 1.345
 """Threshold of Huber's loss over the noise level: 95 % efficient for Gaussian noise."""
 
 
-def aicc(square: Scalar, count: Array | int, parameters: int) -> Scalar:
+def aicc(square: Scalar, count: Array | int, parameters: Array | int) -> Scalar:
     """Information criterion N ln(RSS/N) + 2 k N/(N - k - 1) (Hurvich and Tsai 1989)."""
     tiny = jnp.finfo(square.dtype).tiny
     penalty = 2 * parameters * count / jnp.maximum(count - parameters - 1, 1)
@@ -106,7 +107,11 @@ def with_errors(
         return root * predict(plant, record, record.t)
 
     row = jnp.concatenate(values)
-    jacobian = jnp.where(_frozen(free, row, at_bound)[:, None], 0, columns(prediction, row))
+    lag = np.array([name.startswith("lags") for name in free])
+    absent = lag & (row == 0) & ~at_bound
+    frozen = absent | _frozen(lag, row, at_bound)
+    last = jnp.argsort(frozen)  # a column of zeros before others would take a row from them
+    jacobian = jnp.where(frozen[:, None], 0, columns(prediction, row))[last]
     size = jnp.sqrt(jnp.sum(jacobian**2, axis=1))
     size = jnp.where(size > 0, size, 1)
     q, r = jnp.linalg.qr((jacobian / size[:, None]).T)
@@ -119,11 +124,14 @@ def with_errors(
     effective = jnp.trace(coloured)
     variance = jnp.sum(residual**2) / jnp.maximum(jnp.sum(root > 0) - effective, 1)
     covariance = variance * inverse @ coloured @ inverse.T / size[:, None] / size[None, :]
+    place = jnp.argsort(last)
+    covariance, lost = covariance[place][:, place], lost[place]
     unknown = at_bound | lost
     covariance = jnp.where(unknown[:, None] | unknown[None, :], jnp.nan, covariance)
+    covariance = jnp.where(absent[:, None] | absent[None, :], 0, covariance)
     covariance = nan_where(refused(result.status), covariance)
     errors = jnp.sqrt(jnp.diagonal(covariance))
-    vague = ~at_bound & (lost | _vague(result, free, row, errors))
+    vague = ~(at_bound | absent) & (lost | _vague(result, free, row, errors))
     verdict = Status.where(jnp.any(vague), Status.not_identifiable, Status.successful)
     bounded = at_bound & jnp.array([name not in ("delay", "gain", "offset") for name in free])
     details["identifiable"] = ~vague & ~bounded
@@ -136,9 +144,8 @@ def with_errors(
     )
 
 
-def _frozen(free: tuple[str, ...], row: Array, at_bound: Array) -> Array:
+def _frozen(lag: np.ndarray, row: Array, at_bound: Array) -> Array:
     """Parameters to hold while the others vary: those on a bound, of equal lags all but one."""
-    lag = jnp.array([name.startswith("lags") for name in free])
     follows = jnp.append(False, lag[1:] & lag[:-1] & (row[1:] == row[:-1]))
     leads = jnp.append(follows[1:], False) & ~follows
     return at_bound & ~leads

@@ -248,32 +248,36 @@ def compare(
     output: Output = None,
     input: Input = None,
     step: Step = None,
+    group: Annotated[str, typer.Option(help="all, first, second or nth order.")] = "all",
+    kind: Annotated[str, typer.Option(help="Plot: response, bar or pie.")] = "response",
     plot: Plot = None,
     json: Json = None,
     example: Example = None,
 ) -> None:
     """Identify by all methods and rank the models."""
-    from ._identify import compare as compare_methods
-    from ._plot import plot_comparison
-    from ._report import comparison_report, has_model, to_json, warning_sentences
+    from ._compare import check_group, check_kind
+    from ._compare import compare as compare_methods
+    from ._report import comparison_report, to_json, warning_sentences
     from .methods import METHODS
 
+    check_group(group)
+    check_kind(kind)
     outputs = Outputs(plot, json)
     outputs.check(file)
     record = _read(file, example, time=time, output=output, input=input, step=step)
     with waiting(f"Comparing methods on {record.labels.source} ..."):
         _compile_side_by_side(record, METHODS)
         comparison = compare_methods(record)
-        kept = [row for row in comparison.rows if has_model(row)]
+        kept = comparison.models(group)
         if not kept:
             reason = comparison.rows[0].reason if comparison.rows else "there are no methods."
             raise ValueError(f"{record.labels.source}: no method gives a model: {reason}")
         written = outputs.write(
-            lambda: plot_comparison(comparison),
+            lambda: comparison.plot(group, kind),
             lambda: [to_json(row.result, row.method) for row in kept],
         )
     notes = [f"Note: {text}" for text in warning_sentences(kept[0].result, step)]
-    _show(_heading(record, example), comparison_report(comparison), *notes, written=written)
+    _show(_heading(record, example), comparison_report(comparison, group), *notes, written=written)
 
 
 @_command

@@ -171,5 +171,10 @@ def _decode_lags(x, model, exact) -> dict[str, Array]:
     lags = [jnp.ones_like(x[0])]
     for contrast in list(x)[1:]:
         lags.append(lags[-1] * _decode_ratio(contrast, exact))
-    row = jnp.stack(lags)
+    row = jnp.where(present_lags(model), jnp.stack(lags), 0)
     return {"lags": row * jnp.exp(x[0]) / jnp.sum(row)}
+
+
+def present_lags(model: PTn) -> Array:
+    """Which of the lags of a start, largest first, are lags: a lag of 0 is none and stays none."""
+    return -jnp.sort(-model.lags) > 0

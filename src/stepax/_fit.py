@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ._coordinates import Family, family_of
+from ._coordinates import Family, family_of, present_lags
 from ._models import FOPDT, AbstractPlant, Hudzovic, PTn, Sani
 from ._record import MIN_SAMPLES, StepRecord
 from ._result import Status, parameter_names, safe_sqrt
@@ -103,6 +103,14 @@ class Fit(eqx.Module):
         return np.array([name not in self.fixed for name in names])
 
     @property
+    def absent(self) -> Array:
+        """Which free own coordinates belong to lags of 0: those do not vary."""
+        flags = jnp.zeros(int(self.own_free.sum()), bool)
+        if isinstance(self.model, PTn) and flags.size:
+            return flags.at[1:].set(~present_lags(self.model)[1:])
+        return flags
+
+    @property
     def delay_place(self) -> int:
         """Place of the dead time in a row of coordinates."""
         return int(self.own_free.sum())
@@ -139,8 +147,9 @@ class Fit(eqx.Module):
         pairs += [(0.0, LONGEST_DELAY)] * self.free_delay
         if self.threshold is not None:
             pairs += [(-np.inf, np.inf)] * self.free_levels
-        lower, upper = np.array(pairs).reshape(-1, 2).T
-        return jnp.asarray(lower, self.record.t.dtype), jnp.asarray(upper, self.record.t.dtype)
+        lower, upper = jnp.asarray(np.array(pairs).reshape(-1, 2).T, self.record.t.dtype)
+        own = int(self.own_free.sum())
+        return lower.at[:own].set(jnp.where(self.absent, upper[:own], lower[:own])), upper
 
     def start(self) -> Array:
         """Coordinates of the model given; its levels are those of the regression."""
@@ -294,7 +303,9 @@ class Fit(eqx.Module):
             if not own.any():
                 flags = {}
             else:  # a contrast at its end: the second lag equals the first, or is 0
-                low, high = x[1 : own.size] <= lower[1 : own.size], at[1 : own.size]
+                varies = ~self.absent[1:]
+                low = varies & (x[1 : own.size] <= lower[1 : own.size])
+                high = varies & at[1 : own.size]
                 before, after = jnp.append(low, False), jnp.append(False, high)
                 flags = {"lags": (before | after).at[0].set((before | after)[0] | at[0])}
         else:

@@ -1,7 +1,7 @@
-"""The front door: one record in, the best model or a ranking of all out."""
+"""The front door: one record in, a model out."""
 
 import dataclasses
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -12,12 +12,9 @@ from jax.core import Tracer
 from ._certainty import aicc, with_errors
 from ._models import AbstractPlant
 from ._record import StepRecord
-from ._result import Identification, Status, conclude, predict, refused, status_name
+from ._result import Identification, refused
 from .methods import METHODS
 
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 AUTO = ("fopdt_fit", "sopdt_fit", "hudzovic_fit", "sani_fit")
 """Methods that `method="auto"` compares, simplest first."""
@@ -44,7 +41,7 @@ def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identi
             " StepRecord(t, y, ...) or read_record(path)."
         )
     if method == "auto":
-        _refuse_tracers(record, 'identify(method="auto")')
+        refuse_tracers(record, 'identify(method="auto")')
         return _identify_auto(record, options)
     return _run(record, _known(method), options)
 
@@ -67,7 +64,7 @@ def _run(record: StepRecord, method, options) -> Identification:
     return dataclasses.replace(result, record=record, details=result.details | record.details)
 
 
-def _refuse_tracers(record: StepRecord, what: str) -> None:
+def refuse_tracers(record: StepRecord, what: str) -> None:
     if any(isinstance(x, Tracer) for x in jax.tree.leaves(record)):
         raise TypeError(
             f"{what} chooses between model classes on the host and cannot be traced: name one"
@@ -77,7 +74,7 @@ def _refuse_tracers(record: StepRecord, what: str) -> None:
 
 def _identify_auto(record: StepRecord, options: dict[str, Any]) -> Identification:
     results = [identify(record, name, **(options | {"errors": False})) for name in AUTO]
-    scores = [float(_aicc(result)) for result in results]
+    scores = [float(aicc_of(result)) for result in results]
     chosen = int(np.argmin(scores))
     result = dataclasses.replace(results[chosen], record=record.plain)
     if options.get("errors", True):
@@ -93,7 +90,7 @@ def chosen_method(result: Identification) -> str:
     return AUTO[int(result.details["chosen"])]
 
 
-def _aicc(result: Identification):
+def aicc_of(result: Identification):
     """AICc of a result, infinite for a refusal; of methods that do not fit, from their RMSE."""
     if "aicc" in result.details:
         value = result.details["aicc"]
@@ -112,90 +109,3 @@ def parameter_count(model: AbstractPlant) -> int:
         if name not in skip and eqx.is_inexact_array(getattr(model, name))
     ]
     return sum(int(np.count_nonzero(x)) if x.ndim else 1 for x in leaves)
-
-
-class Row(NamedTuple):
-    """One method in a `Comparison`."""
-
-    method: str
-    result: Identification
-    J: float
-    rmse: float
-    fit_percent: float
-    parameters: int
-    aicc: float
-    status: str
-    reason: str
-
-
-@dataclasses.dataclass(frozen=True)
-class Comparison:
-    """Methods on one record, ranked by J, refusals last."""
-
-    record: StepRecord
-    rows: tuple[Row, ...]
-
-    @property
-    def best(self) -> Identification:
-        """Result of the first row."""
-        return self.rows[0].result
-
-    def to_frame(self) -> "pd.DataFrame":
-        """One row per method, as a DataFrame without the results themselves."""
-        import pandas as pd
-
-        frame = pd.DataFrame(self.rows)
-        return frame.drop(columns="result")
-
-    def show_models(self) -> str:
-        """All transfer functions, one line per method."""
-        from ._report import transfer_function_text
-
-        width = max(len(row.method) for row in self.rows)
-        return "\n".join(
-            f"{row.method:{width}}  "
-            + (transfer_function_text(row.result.model) if np.isfinite(row.J) else row.reason)
-            for row in self.rows
-        )
-
-    def plot(self, **options):
-        """Record and best models as a matplotlib figure; see `stepax.plot_comparison`."""
-        from ._plot import plot_comparison
-
-        return plot_comparison(self, **options)
-
-
-def compare(
-    record: StepRecord, methods: list[str] | None = None, plant: AbstractPlant | None = None
-) -> Comparison:
-    """Several methods on one record, ranked by J (integral of the squared error).
-
-    **Arguments:** `methods`: names, by default all of `METHODS`. `plant`: the true plant, if known
-    (a simulation); J and RMSE are then measured against its response, on the record's times.
-
-    **Returns:** `Comparison`. On the host only: traced, it raises a `TypeError`.
-    """
-    _refuse_tracers(record, "compare")
-    names = list(METHODS) if methods is None else methods
-    rows = [_row(name, identify(record, name), plant) for name in names]
-    rows.sort(key=lambda row: (not np.isfinite(row.J), row.J))
-    return Comparison(record, tuple(rows))
-
-
-def _row(name: str, result: Identification, plant: AbstractPlant | None) -> Row:
-    measured = result
-    if plant is not None:
-        record = result.record
-        clean = eqx.tree_at(lambda r: r.y, record, predict(plant, record, record.t))
-        measured = conclude(clean, result.model, result.status)
-    return Row(
-        name,
-        result,
-        float(measured.J),
-        float(measured.rmse),
-        float(measured.fit_percent),
-        parameter_count(result.model),
-        float(_aicc(result)),
-        status_name(result.status),
-        Status[result.status],
-    )

@@ -1,4 +1,4 @@
-"""Pictures of an identification and of a comparison, as matplotlib figures; host code.
+"""Picture of an identification, as a matplotlib figure; host code.
 
 Figures are built without pyplot: no window, no global state, no display needed. Every line differs
 from the others in lightness or style, so that a print in grey can be read.
@@ -14,20 +14,10 @@ from matplotlib.figure import Figure
 
 from ._notation import number, transfer_function_text, unit_of
 from ._record import Labels, StepRecord
-from ._report import has_model
 from ._result import Identification, Status, predict, refused
 
 
 RECORD, MODEL, EDGE, SHADE = "0.55", "#0b2a4a", "0.35", "0.90"
-STYLES = [
-    ("#0b2a4a", "-"),
-    ("#c8500a", (0, (6, 2))),
-    ("#2a7f9e", (0, (5, 1.5, 1, 1.5))),
-    ("#7a2f8a", (0, (1.2, 1.2))),
-    ("#4f8a10", (0, (9, 2, 2, 2, 2, 2))),
-    ("#b08900", (0, (3, 3))),
-]
-"""Colour and dashes of the compared models, best first."""
 POINTS_UP_TO = 400
 """Rows up to which a record is drawn as points; a longer one is a line."""
 GRID = 801
@@ -59,64 +49,33 @@ def plot_identification(
     - `size`: of the figure, in inches.
     """
     record = result.record
-    figure, response, residuals = _panels(record.labels, size)
-    _draw_record(response, record)
+    figure = Picture(figsize=size, dpi=150, layout="constrained")
+    response, residuals = response_panels(figure, record.labels)
+    draw_record(response, record)
     if not bool(refused(result.status)):
-        _draw_model(response, residuals, result.model, record, color=MODEL, label="model")
+        draw_model(response, residuals, result.model, record, color=MODEL, label="model")
         _shade_delay(response, residuals, record, float(np.asarray(result.model.delay)))
-    response.set_title(_plain(_title(result) if title is None else title), loc="left", fontsize=10)
-    _finish(figure, response, residuals, record)
+    response.set_title(plain(_title(result) if title is None else title), loc="left", fontsize=10)
+    finish(response, residuals, record)
     figure.legend(loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 
-def plot_comparison(
-    comparison,
-    *,
-    count: int = 6,
-    title: str | None = None,
-    size: tuple[float, float] = (8.0, 5.5),
-) -> Figure:
-    """Record and the best models above, their residuals below.
-
-    **Arguments:**
-
-    - `count`: how many models are drawn, at most 6.
-    - `title`: instead of the name of the file. `size`: of the figure, in inches.
-    """
-    record = next(row.result.record for row in comparison.rows if row.result is not None)
-    figure, response, residuals = _panels(record.labels, size)
-    _draw_record(response, record)
-    best = [row for row in comparison.rows if has_model(row)][: min(count, len(STYLES))]
-    for place, (row, (color, dashes)) in enumerate(zip(best, STYLES, strict=False)):
-        look: dict[str, Any] = {"color": color, "linestyle": dashes, "zorder": 3 + 0.1 * place}
-        look["linewidth"] = 2.2 if place == 0 else 1.5
-        label = f"{row.method} ({number(row.fit_percent)} %)"
-        _draw_model(response, residuals, row.result.model, record, label=label, **look)
-    shown = (
-        f"{record.labels.source or 'Record'}: best {len(best)} of {len(comparison.rows)} methods"
-    )
-    response.set_title(_plain(shown if title is None else title), loc="left", fontsize=10)
-    _finish(figure, response, residuals, record)
-    figure.legend(loc="outside lower center", ncols=3, frameon=False, title="method (fit)")
-    return figure
-
-
-def _panels(labels: Labels, size: tuple[float, float]) -> tuple[Figure, Axes, Axes]:
-    """An empty figure: axes of the response and of the residuals, labelled."""
-    figure = Picture(figsize=size, dpi=150, layout="constrained")
+def response_panels(figure, labels: Labels) -> tuple[Axes, Axes]:
+    """Axes of the response and of the residuals in an empty figure, labelled."""
     response, residuals = figure.subplots(2, 1, sharex=True, height_ratios=[2.8, 1])
     response.set_ylabel(_label(labels.output, "output"))
     unit = unit_of(labels.output)
-    residuals.set_ylabel(_plain(f"residual\n({unit})" if unit else "residual"))
+    residuals.set_ylabel(plain(f"residual\n({unit})" if unit else "residual"))
     residuals.set_xlabel(_label(labels.time, "time"))
-    figure.align_ylabels()
+    figure.align_ylabels([response, residuals])
     for axes in (response, residuals):
         axes.tick_params(labelsize=9)
-    return figure, response, residuals
+    return response, residuals
 
 
-def _draw_record(axes: Axes, record: StepRecord) -> None:
+def draw_record(axes: Axes, record: StepRecord) -> None:
+    """The record, grey."""
     axes.plot(record.t, record.y, **_record_look(record), color=RECORD, label="record")
 
 
@@ -127,7 +86,7 @@ def _record_look(record: StepRecord) -> dict[str, Any]:
     return {"linewidth": 0.8}
 
 
-def _draw_model(
+def draw_model(
     response: Axes, residuals: Axes, model, record: StepRecord, *, label: str, **look
 ) -> None:
     """A model's line, with a kink where its dead time ends, and its residuals."""
@@ -138,7 +97,7 @@ def _draw_model(
     modelled = np.asarray(eqx.filter_jit(predict)(model, record.plain, times))
     at_rows, on_grid = modelled[: record.t.size], modelled[record.t.size :]
     look = {"linewidth": 1.5, "zorder": 3} | look
-    response.plot(grid, on_grid, label=_plain(label), **look)
+    response.plot(grid, on_grid, label=plain(label), **look)
     if label == "model":
         look = {**_record_look(record), "color": RECORD}
     else:
@@ -150,13 +109,13 @@ def _shade_delay(response: Axes, residuals: Axes, record: StepRecord, delay: flo
     if delay <= 0:
         return
     unit = unit_of(record.labels.time)
-    label = _plain(f"dead time {number(delay, 3)} {unit}".rstrip())
+    label = plain(f"dead time {number(delay, 3)} {unit}".rstrip())
     step_time = float(record.step_time)
     for axes, name in ((response, label), (residuals, None)):
         axes.axvspan(step_time, step_time + delay, color=SHADE, linewidth=0, zorder=0, label=name)
 
 
-def _finish(figure: Figure, response: Axes, residuals: Axes, record: StepRecord) -> None:
+def finish(response: Axes, residuals: Axes, record: StepRecord) -> None:
     """The step, the zero of the residuals, limits, and a quiet frame."""
     for axes, label in ((response, "step"), (residuals, None)):
         axes.axvline(
@@ -191,9 +150,9 @@ def _wrapped(text: str, width: int = 85) -> str:
 
 def _label(name: str, role: str) -> str:
     """A column's name, or its role where it has only a number."""
-    return _plain(role if name.isdecimal() or not name else name)
+    return plain(role if name.isdecimal() or not name else name)
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
     """Text that matplotlib does not read as mathematics."""
     return text.replace("$", r"\$")

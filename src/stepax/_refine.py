@@ -53,7 +53,7 @@ def refine(
     - `fixed`: names of parameters kept exactly as in `model`;
     - known levels of the record: `initial` fixes the offset, with `final` the gain too; `final`
         alone keeps offset + step_size gain = final;
-    - the order n, except a real n of `EqualLag`.
+    - the order n, except a real n of `EqualLag`; a lag of 0 of `PTn` is none and stays none.
 
     **Arguments:**
 
@@ -135,7 +135,7 @@ def _refine(record, model, fixed, weights, loss, solver, max_steps) -> Identific
     details = {
         "steps": found.steps,
         "at_bound": fit.at_bound(found.x),
-        "aicc": aicc(loss_value, jnp.sum(fit.weights > 0), len(free)),
+        "aicc": aicc(loss_value, jnp.sum(fit.weights > 0), len(free) - jnp.sum(fit.absent)),
     }
     result = conclude(safe, fitted, status, response=g, free=free, details=details | noise)
     return dataclasses.replace(result, record=record)

@@ -12,7 +12,6 @@ from rich.text import Text
 
 from ._models import AbstractPlant
 from ._notation import Units, number, transfer_function_text, unit_of
-from ._record import Labels
 from ._result import Identification, Status, parameter_names, refused, status_name
 
 
@@ -170,37 +169,32 @@ def warning_sentences(result: Identification, step: int | None = None) -> list[s
     return list(dict.fromkeys(sentences))
 
 
-def comparison_report(comparison) -> Group:
-    """Ranking of the methods that gave a model, and why the others did not."""
-    kept = [row for row in comparison.rows if has_model(row)]
-    labels = kept[0].result.record.labels if kept else Labels()
-    units = Units.of(labels)
+def comparison_report(comparison, group: str = "all") -> Group:
+    """Ranking of the methods that gave a model of a group, and why others gave none."""
+    kept = comparison.models(group)
+    units = Units.of(comparison.record.labels)
     rmse = f"RMSE, {units.output}" if units.output else "RMSE"
+    J = f"J, {units.integral}" if units.integral else "J"
     table = _table(
-        "", "method", "model", "fit, %", rmse, "free", "AICc", "G(s)", right=(0, 3, 4, 5, 6)
+        "", "method", "model", J, rmse, "fit, %", "par.", "AICc", "G(s)", right=(0, 3, 4, 5, 6, 7)
     )
     notes = []
     for place, row in enumerate(kept, 1):
-        model = row.result.model
         table.add_row(
             str(place),
             row.method,
-            type(model).__name__,
-            number(row.fit_percent),
+            row.model,
+            number(row.J),
             number(row.rmse),
-            str(int(row.parameters)),
+            number(row.fit_percent),
+            str(row.parameters),
             number(row.aicc, 6),
-            transfer_function_text(model),
+            transfer_function_text(row.result.model),
         )
-        if status_name(row.result.status) != "successful":
-            notes.append(f"{row.method}: {Status[row.result.status]}")
-    notes += [f"{row.method}: {row.reason}" for row in comparison.rows if not has_model(row)]
+        if row.status != "successful":
+            notes.append(f"{row.method}: {row.reason}")
+    notes += [f"{row.method}: {row.reason}" for row in comparison.rows if not row.has_model]
     return Group(table, *(Text(note) for note in notes))
-
-
-def has_model(row) -> bool:
-    """Whether a row of a comparison has a model."""
-    return row.result is not None and not bool(refused(row.result.status))
 
 
 def lookup_table(rows: list[tuple[str, Any]]) -> Table:

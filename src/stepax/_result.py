@@ -97,11 +97,11 @@ class Identification(eqx.Module):
         """Modelled output at times `t` of the record's time axis."""
         return predict(self.model, self.record, t)
 
-    def show_model(self) -> str:
-        """The transfer function as text, without the offset."""
-        from ._notation import transfer_function_text
+    def show_model(self, style: str = "text") -> str:
+        """The transfer function as "text" or "latex", without the offset."""
+        from ._notation import transfer_function
 
-        return transfer_function_text(self.model)
+        return transfer_function(self.model, style)
 
     def plot(self, **options):
         """Record, model and residuals as a matplotlib figure; see `stepax.plot_identification`."""

@@ -168,8 +168,9 @@ def inner_products(rows: list[Float[Array, " residuals"]]) -> Float[Array, "rows
 
 
 def free_parameters(y, gradient, lower, upper) -> Bool[Array, " p"]:
-    """Parameters that are not on a bound with the cost falling beyond it."""
-    return ~(((y <= lower) & (gradient > 0)) | ((y >= upper) & (gradient < 0)))
+    """Parameters that can move, and are not on a bound with the cost falling beyond it."""
+    stuck = ((y <= lower) & (gradient > 0)) | ((y >= upper) & (gradient < 0))
+    return (lower < upper) & ~stuck
 
 
 def _bounded_step(matrix, gradient, free, damping, y, lower, upper) -> Array:

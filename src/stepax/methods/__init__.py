@@ -5,7 +5,7 @@ from collections.abc import Callable
 import equinox as eqx
 
 from .._result import Identification
-from ._fits import fopdt_fit, hudzovic_fit, sani_fit, sopdt_fit
+from ._fits import fopdt_fit, hudzovic_fit, ptn_fit, sani_fit, sopdt_fit
 from ._lookup import (
     hudzovic_t10_t50_t90,
     hudzovic_tu_tg,
@@ -25,6 +25,7 @@ METHODS: dict[str, Callable[..., Identification]] = {
         sani_interpolation,
         hudzovic_fit,
         sani_fit,
+        ptn_fit,
         fopdt_fit,
         sopdt_fit,
     )

@@ -1,5 +1,6 @@
 """Least-squares fits: a start from the record, then `refine`."""
 
+import functools
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -13,13 +14,16 @@ from scipy import special
 from .._certainty import with_errors
 from .._characterise import levels
 from .._curves import DEFAULT_ORDERS, chain_with_spread, check_orders
-from .._models import FOPDT, SOPDT, AbstractPlant, Hudzovic, Sani
+from .._models import FOPDT, SOPDT, Hudzovic, PTn, Sani
 from .._preprocess import sliding_average
 from .._record import StepRecord, usable_record
 from .._refine import best_order, refine
 from .._result import Identification
 from .._types import Scalar
 
+
+INDIVIDUAL_ORDERS = range(2, 5)
+"""Numbers of lags that `ptn_fit` tries."""
 
 START_LEVELS = (0.283, 0.632)
 """The two levels of Smith (1972): 1/3 and 1 time constant of a first-order plant."""
@@ -74,7 +78,8 @@ def hudzovic_fit(
     since with a free delay the orders are nearly interchangeable; its AICc then counts n as one
     more parameter. `fixed`, `errors` and further ones as in `refine`. **Status** as in `refine`.
     """
-    return _chain_fit(Hudzovic, record, order, orders, fixed, errors, options)
+    start = functools.partial(_chain_start, Hudzovic, record, fixed=fixed)
+    return _chain_fit(start, record, order, orders, fixed, errors, options)
 
 
 def sani_fit(
@@ -90,13 +95,43 @@ def sani_fit(
 
     Options and status as in `hudzovic_fit`.
     """
-    return _chain_fit(Sani, record, order, orders, fixed, errors, options)
+    start = functools.partial(_chain_start, Sani, record, fixed=fixed)
+    return _chain_fit(start, record, order, orders, fixed, errors, options)
 
 
-def _chain_fit(model, record, order, orders, fixed, errors, options) -> Identification:
+def ptn_fit(
+    record: StepRecord,
+    *,
+    order: int | str = "auto",
+    orders: Iterable[int] = INDIVIDUAL_ORDERS,
+    fixed: Sequence[str] = (),
+    errors: bool = True,
+    **options: Any,
+) -> Identification:
+    r"""Individual time constants by least squares (Murray 2016, `ptn_fit`): lags, K, L, offset.
+
+    As many lags as `order`, largest first. "auto" fits each number in `orders` and keeps the
+    smallest whose AICc is within 2 of the best; the model then has max(`orders`) lags, those not
+    used 0. By default 2 to 4: noise of 0.1 % of the change already hides a fifth lag. Lags nearer
+    to each other than the record can tell come out equal, with the warning `at_bound`. Options and
+    status otherwise as in `hudzovic_fit`.
+    """
+
+    orders = tuple(orders)
+
+    def start(n):
+        size = max(orders) if order == "auto" else int(order)
+        chain = _chain_start(Sani, record, n, fixed)
+        return PTn(lags=chain.lags[:size], delay=chain.delay)
+
+    return _chain_fit(start, record, order, orders, fixed, errors, options)
+
+
+def _chain_fit(start, record, order, orders, fixed, errors, options) -> Identification:
+    """The fit from `start(n)` for one order n or the best of several."""
+
     def fit(n):
-        start = _chain_start(model, record, n, fixed)
-        return refine(record, start, fixed, errors=False, **options)
+        return refine(record, start(n), fixed, errors=False, **options)
 
     if order == "auto":
         result = best_order(record, check_orders(orders), fit)
@@ -109,7 +144,7 @@ def _chain_fit(model, record, order, orders, fixed, errors, options) -> Identifi
     return with_errors(result, fixed, options.get("weights"), options.get("loss", "squares"))
 
 
-def _chain_start(model, record, n: Array, fixed) -> AbstractPlant:
+def _chain_start(model, record, n: Array, fixed) -> Hudzovic | Sani:
     """Chain of medium spread through the two start levels, with a dead time if that leaves one.
 
     Its level times are those of equal lags of an order 0.6 n, at which a chain of that spread

@@ -1,0 +1,208 @@
+"""Comparison of methods: ranking, the exact integral, transfer functions, pictures."""
+
+import itertools
+from io import BytesIO
+
+import jax
+import jax.numpy as jnp
+import mpmath
+import numpy as np
+import pytest
+from scipy import integrate
+
+from stepax import FOPDT, SOPDT, EqualLag, PTn, Sani, Status, StepRecord, compare
+from stepax._compare import Comparison, Row, squared_deviation
+from stepax._plot_comparison import level_marks, tangent_ends
+from stepax._record import Labels
+from stepax._result import conclude
+
+
+TIMES = np.linspace(0.0, 80.0, 240)
+PLANT = Sani(T=8.0, r=0.5, n=3, gain=2.0, offset=1.0)
+NAMES = ["sani_t10_t50_t90", "sani_interpolation", "sani_tu_tg", "fopdt_fit"]
+
+
+@pytest.fixture(scope="module")
+def record():
+    y = np.asarray(PLANT.step_response(TIMES))
+    return StepRecord(TIMES, y, initial=1.0, final=3.0, labels=Labels("p.csv", "time (s)", "T (K)"))
+
+
+@pytest.fixture(scope="module")
+def comparison(record):
+    return compare(record, NAMES)
+
+
+def test_ranked_by_J(comparison):
+    errors = [row.J for row in comparison.rows]
+    assert errors == sorted(errors)
+    assert comparison.best is comparison.rows[0].result
+    frame = comparison.to_frame()
+    assert list(frame["method"]) == [row.method for row in comparison.rows]
+    assert {"model", "J", "rmse", "fit_percent", "parameters", "aicc", "status", "reason"} <= set(
+        frame.columns
+    )
+
+
+def test_a_known_plant(record):
+    rows = compare(record, NAMES, plant=PLANT).rows
+    by_name = {row.method: row for row in rows}
+    assert rows[0].method == "sani_t10_t50_t90" and rows[0].J < 1e-12
+    formulae = by_name["sani_interpolation"]
+    oracle = squared_deviation(formulae.result.model, PLANT)
+    assert formulae.J == pytest.approx(oracle)
+    np.testing.assert_allclose(
+        formulae.rmse,
+        np.sqrt(np.mean((formulae.result.predict(TIMES) - PLANT.step_response(TIMES)) ** 2)),
+    )
+    fitted = by_name["fopdt_fit"]  # known levels: it settles where the plant does
+    assert np.isfinite(fitted.J) and fitted.J > formulae.J
+    elsewhere = compare(record, ["sani_interpolation"], plant=Sani(T=8.0, r=0.5, n=3)).rows[0]
+    assert np.isinf(elsewhere.J) and "another level" in elsewhere.reason
+
+
+def test_one_lag_against_another_in_closed_form():
+    """(1/2)(T1 - T2)^2/(T1 + T2) for e^(-t/T1) - e^(-t/T2), times the gain and the step squared."""
+    exact = 0.5 * (3.0 - 0.01) ** 2 / (3.0 + 0.01) * 2.0**2 * 5.0**2
+    ours = squared_deviation(FOPDT(T=3.0, gain=2.0), FOPDT(T=0.01, gain=2.0), 5.0)
+    np.testing.assert_allclose(ours, exact, rtol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("model", "plant"),
+    [
+        (EqualLag(T=0.7565, n=4, gain=2.0), PTn(lags=[0.2, 0.4, 0.6, 0.8, 1.0], gain=2.0)),
+        (FOPDT(T=1.3, delay=1.37), EqualLag(T=0.5, n=5)),
+        (SOPDT(zeta=0.02, omega_n=3.0, delay=0.5), FOPDT(T=2.0)),
+        (EqualLag(T=0.5, n=2.5), PTn(lags=[1e-6, 1.0])),
+    ],
+    ids=["chains", "dead time", "oscillation", "stiff"],
+)
+def test_the_integral_against_adaptive_quadrature(model, plant):
+    def square(t):
+        return float(jnp.squeeze(model.step_response(t) - plant.step_response(t))) ** 2
+
+    response = jax.jit(lambda t: (model.step_response(t) - plant.step_response(t)) ** 2)
+    edges = sorted({0.0, float(model.delay), 1e-5, *np.linspace(0.1, 40.0, 80)})
+    edges = [*edges, *np.linspace(41.0, 800.0, 760)]
+    oracle = sum(
+        integrate.fixed_quad(lambda t: np.asarray(response(t)), a, b, n=24)[0]
+        for a, b in itertools.pairwise(edges)
+    )
+    np.testing.assert_allclose(squared_deviation(model, plant), oracle, rtol=1e-7)
+    assert square(0.0) == 0
+
+
+def test_the_integral_of_table_8_of_jakoubek():
+    """Latzel's model with T = 0.7565, n = 4 for lags 0.2 to 1: J from residues at 30 digits."""
+    mpmath.mp.dps = 30
+    lags = [mpmath.mpf(k) / 5 for k in range(1, 6)]
+    T = mpmath.mpf("0.7565")
+
+    def deviation(t):
+        weights = [
+            lag**4 / mpmath.fprod(lag - other for other in lags if other != lag) for lag in lags
+        ]
+        plant = sum(w * mpmath.exp(-t / lag) for w, lag in zip(weights, lags, strict=True))
+        model = mpmath.exp(-t / T) * sum((t / T) ** k / mpmath.factorial(k) for k in range(4))
+        return 2 * (plant - model)
+
+    exact = mpmath.quad(lambda t: deviation(t) ** 2, [0, 1, 3, 6, 12, 60])
+    ours = squared_deviation(
+        EqualLag(T=0.7565, n=4, gain=2.0), PTn(lags=[0.2, 0.4, 0.6, 0.8, 1.0], gain=2.0)
+    )
+    np.testing.assert_allclose(ours, float(exact), rtol=1e-9)
+
+
+def test_transfer_functions_as_text_and_latex(comparison):
+    text, latex = comparison.show_models(), comparison.show_models("latex")
+    assert all(name in text and name in latex for name in NAMES)
+    assert r"\frac{" in latex and "frac" not in text
+    with pytest.raises(ValueError, match="latex"):
+        comparison.show_models("html")
+
+
+@pytest.mark.parametrize(
+    ("model", "latex"),
+    [
+        (FOPDT(T=10.0, gain=2.0, delay=1.5), r"\frac{2\,e^{-1.5 s}}{(1 + 10 s)}"),
+        (EqualLag(T=1e-7, n=3), r"\frac{1}{(1 + 1.000 \times 10^{-7} s)^{3}}"),
+        (SOPDT(zeta=0.5, omega_n=2.0, gain=-1.0), r"\frac{-1}{(1 + 0.5 s + 0.25 s^{2})}"),
+    ],
+)
+def test_latex(model, latex):
+    from stepax._notation import transfer_function_latex
+
+    assert transfer_function_latex(model) == latex
+
+
+# Pictures
+
+
+def identification(model, status=Status.successful, **details):
+    t = np.linspace(0.0, 100.0, 60)
+    y = 20 + 5 * (1 - np.exp(-np.maximum(t - 14, 0) / 10)) + 0.01 * np.sin(37 * t)
+    record = StepRecord(t, y, step_time=10.0, labels=Labels("oven.csv", "time (s)", "T [degC]"))
+    details = {name: jnp.asarray(value, float) for name, value in details.items()}
+    return conclude(record, model, status, details=details)
+
+
+def row(name, result):
+    numbers = [float(x) for x in (result.J, result.rmse, result.fit_percent)]
+    return Row(name, result, type(result.model).__name__, *numbers, 4, 0.0, "successful", "")
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    levels = {"gain": 5.0, "offset": 20.0}
+    results = [
+        identification(FOPDT(T=T, delay=4.0, **levels), t33=8.0, t70=16.0)
+        for T in (10.0, 11.0, 12.0, 9.0, 13.0, 8.0, 14.0)
+    ]
+    results.append(identification(SOPDT(zeta=1.0, omega_n=0.15, **levels), Tu=2.0, Tg=18.0))
+    results.append(identification(FOPDT(T=1.0), Status.no_inflection))
+    rows = [row(f"method_{i}", result) for i, result in enumerate(results)]
+    return Comparison(results[0].record, tuple(rows))
+
+
+def saved(figure):
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=50)
+    return buffer.getvalue()
+
+
+def test_the_picture_has_models_residuals_and_ranking(drawn):
+    figure = drawn.plot()
+    assert saved(figure).startswith(b"\x89PNG")
+    _response, residuals, bars = figure.axes
+    entries = [text.get_text() for text in figure.subfigs[0].legends[0].get_texts()]
+    assert entries[0] == "record" and entries[-1] == "step" and len(entries) == 8
+    assert residuals.get_xlabel() == "time (s)" and bars.get_xscale() == "log"
+    assert bars.get_xlabel() == "J (degC^2 s)"
+    assert [label.get_text() for label in bars.get_yticklabels()] == [
+        f"method_{i}" for i in range(8)
+    ]
+
+
+def test_marks_lie_on_the_levels_that_a_method_reads(drawn):
+    np.testing.assert_allclose(level_marks(drawn.rows[0]), [(18.0, 21.65), (26.0, 23.5)])
+    assert tangent_ends(drawn.rows[0]) == []
+    assert tangent_ends(drawn.rows[7]) == [(12.0, 20.0), (30.0, 25.0)]
+
+
+@pytest.mark.parametrize("kind", ["bar", "pie"])
+def test_rankings(drawn, kind):
+    assert saved(drawn.plot("first", kind))
+
+
+def test_groups(drawn):
+    assert [row.method for row in drawn.models("second")] == ["method_7"]
+    assert len(drawn.models("first")) == 7 and len(drawn.models("all")) == 8
+    with pytest.raises(ValueError, match="no model of order chosen"):
+        drawn.plot("nth")
+    with pytest.raises(ValueError, match="second"):
+        drawn.plot("third")
+    with pytest.raises(ValueError, match="pie"):
+        drawn.plot(kind="tart")
+    with pytest.raises(TypeError, match="sequence"):
+        compare(drawn.record, "fopdt_fit")
