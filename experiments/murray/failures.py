@@ -43,7 +43,7 @@ def run(settings: Settings) -> Outcome:
     both = rate.loc[(NOISE, "correct")].mean(axis=1)
     for method in ("hudzovic_tu_tg", "hudzovic_t10_t50_t90", "hudzovic_fit", "sani_fit"):
         numbers[f"correct, noise 20 %: {method}, %"] = float(both[method])
-    counts = frame.groupby(["noise", "protocol", "order", "method", "status"]).size()
+    counts = frame.groupby(["noise", "protocol", "order", "method", "status", "failed"]).size()
     return Outcome(counts.rename("plants").reset_index(), figure, numbers)
 
 

@@ -1,16 +1,36 @@
-"""The paper's statements in numbers, from the files that the other scripts wrote to `--out`."""
+"""The numbers of the README's table of statements, from the files of the other scripts in `--out`.
+
+Numbers in a row are for the orders 2 to 8 of the plant, or for the noise levels named before them.
+Errors against order are RMS over the plants, errors against noise medians in which a refusal counts
+as worse than any result.
+"""
 
 import numpy as np
 import pandas as pd
 
 from experiments.murray.correct import FITS, LOOKUPS
+from experiments.murray.drawing import rms
+from experiments.murray.figures_3_6 import seconds
 from experiments.murray.noise_study import failure_rates, medians
 from experiments.murray.order_study import rms_by_order
 from experiments.murray.runner import Frame, Outcome, Settings, main
 
 
-T3, FORMULAE, LOOKUP = "hudzovic_t10_t50_t90", "sani_interpolation", "sani_t10_t50_t90"
-ORDERS = range(2, 9)
+T3, TU_TG = "hudzovic_t10_t50_t90", "hudzovic_tu_tg"
+FORMULAE, LOOKUP = "sani_interpolation", "sani_t10_t50_t90"
+FIT, SANI_FIT = FITS
+PROTOCOLS = ("legacy", "correct")
+LEVELS = (0.01, 0.05, 0.1, 0.2, 0.34, 0.5, 1.0, 1.5, 1.99)
+
+
+class Rows(list):
+    """Rows (statement, script, number, values)."""
+
+    def add(self, statement: int, script: str, number: str, values, digits: int = 2) -> None:
+        """Append one row; numbers are written with so many digits after the point."""
+        if not isinstance(values, str):
+            values = " ".join(f"{value:.{digits}f}" for value in np.atleast_1d(values))
+        self.append((statement, script, number, values))
 
 
 def run(settings: Settings) -> Outcome:
@@ -23,133 +43,105 @@ def run(settings: Settings) -> Outcome:
                 f" --only {name}` with the same --out first."
             ) from None
 
-    orders = read("figure_8")
-    noisy = {name: read(name) for name in ("figure_10", "figure_11", "figure_12")}
-    rows = [
-        *order_rows(orders),
-        *noise_rows(noisy),
-        *failure_rows(read("failures")),
-        *refinement_rows(read("figures_13_14")),
-        *curve_rows(read("figures_3_6")),
-        *resolution_rows(read("table_resolution")),
-    ]
-    frame = pd.DataFrame(rows, columns=["statement", "number", "value"])
-    return Outcome(frame, None, {f"{row[0]} {row[1]}": row[2] for row in rows})
+    rows = Rows()
+    for protocol in PROTOCOLS:
+        orders(rows, read("figure_8"), protocol)
+        for name in ("figure_10", "figure_11", "figure_12"):
+            noise(rows, name, read(name), protocol)
+    resolution(rows, read("table_resolution"))
+    failures(rows, read("failures"))
+    refinement(rows, read("figures_13_14"))
+    seconds()  # compiles
+    rows.add(15, "figures_3_6", "seconds for 700 points", seconds(), 4)
+    rows.sort(key=lambda row: row[0])
+    frame = pd.DataFrame(rows, columns=["statement", "script", "number", "values"])
+    return Outcome(frame, None, {f"{row[0]:2} {row[1]}, {row[2]}": row[3] for row in rows})
 
 
-def listed(values, digits: int = 2) -> str:
-    """Numbers in a row, in thousandths where they are errors."""
-    return " ".join(f"{value:.{digits}f}" for value in values)
+def orders(rows: Rows, frame: Frame, protocol: str) -> None:
+    """Without noise, by order of the plant."""
+    frame = frame[frame.protocol == protocol]
+    table = rms_by_order(frame).loc[protocol]
+    best_fit, best_lookup = table.loc[[*FITS]].min(), table.loc[[*LOOKUPS]].min()
+
+    def add(statement, number, values, digits=2):
+        rows.add(statement, "figure_8", f"{protocol}: {number}", values, digits)
+
+    add(1, "orders of 7 at which a fit is best", (best_fit < best_lookup).sum(), 0)
+    add(2, "Hudzovic t3 / best fit, n = 3..8", (table.loc[T3] / best_fit)[1:])
+    for statement, method in ((3, FIT), (3, SANI_FIT), (5, T3), (5, LOOKUP), (6, FORMULAE)):
+        add(statement, f"{method}, 1e-3", 1000 * table.loc[method])
+    add(3, "Sani fit beats Hudzovic fit, % of plants", won(frame, SANI_FIT, FIT), 0)
+    add(5, "Sani lookup beats Hudzovic t3, % of plants", won(frame, LOOKUP, T3), 0)
+    formulae = frame[frame.method == FORMULAE]
+    above = 100 * (formulae.r > 0.7499).groupby(formulae.order).mean()
+    add(6, "formulae give r of 0.75 or more, % of plants", above, 0)
+    add(7, "formulae / lookup, n = 3..8", (table.loc[FORMULAE] / table.loc[LOOKUP])[1:])
+    add(10, f"{TU_TG}, 1e-3", 1000 * table.loc[TU_TG])
+    add(10, "sani_tu_tg, 1e-3", 1000 * table.loc["sani_tu_tg"])
+    others = table.drop(FORMULAE).max()
+    add(12, "formulae / worst other method", table.loc[FORMULAE, 3:] / others.loc[3:])
 
 
-def order_rows(frame: Frame):
-    """Statements 1 to 7, 10 and 12: figures 8 and 9; errors in thousandths, n = 2..8."""
-    table = rms_by_order(frame) * 1000
-    for protocol in ("legacy", "correct"):
-        part = table.loc[protocol]
-        best_fit, best_lookup = part.loc[[*FITS]].min(), part.loc[[*LOOKUPS]].min()
-        yield (
-            1,
-            f"{protocol}: orders at which a fit is best",
-            f"{(best_fit < best_lookup).sum()} of 7",
-        )
-        yield 2, f"{protocol}: Hudzovic t3 / best fit", listed((part.loc[T3] / best_fit)[1:])
-        yield 3, f"{protocol}: Hudzovic fit, RMS 1e-3", listed(part.loc["hudzovic_fit"], 3)
-        yield 3, f"{protocol}: Sani fit, RMS 1e-3", listed(part.loc["sani_fit"], 3)
-        wins = share_won(frame, protocol, "sani_fit", "hudzovic_fit")
-        yield 3, f"{protocol}: Sani fit wins, % of plants", listed(wins, 0)
-        yield 5, f"{protocol}: Hudzovic t3, RMS 1e-3", listed(part.loc[T3], 3)
-        yield 5, f"{protocol}: Sani lookup, RMS 1e-3", listed(part.loc[LOOKUP], 3)
-        wins = share_won(frame, protocol, LOOKUP, T3)
-        yield 5, f"{protocol}: Sani lookup beats Hudzovic t3, % of plants", listed(wins, 0)
-        yield 6, f"{protocol}: formulae, RMS 1e-3", listed(part.loc[FORMULAE])
-        yield (
-            7,
-            f"{protocol}: formulae / lookup",
-            listed((part.loc[FORMULAE] / part.loc[LOOKUP])[1:]),
-        )
-        yield 10, f"{protocol}: Hudzovic Tu/Tg, RMS 1e-3", listed(part.loc["hudzovic_tu_tg"], 3)
-        yield 10, f"{protocol}: Sani Tu/Tg, RMS 1e-3", listed(part.loc["sani_tu_tg"], 3)
-    formulae = frame[(frame.protocol == "legacy") & (frame.method == FORMULAE)]
-    stuck = 100 * (formulae.r > 0.7499).groupby(formulae.order).mean()
-    yield 6, "legacy: bisection stuck at r = 0.75, % of plants", listed(stuck, 0)
-
-
-def share_won(frame, protocol, first, second):
+def won(frame: Frame, first: str, second: str) -> Frame:
     """Per cent of the plants of each order on which the first method's error is the smaller."""
-    part = frame[frame.protocol == protocol].pivot(index="plant", columns="method", values="rmse")
-    order = frame.groupby("plant").order.first()
-    return 100 * (part[first] < part[second]).groupby(order).mean()
+    table = frame.pivot(index=["order", "plant"], columns="method", values="rmse")
+    return 100 * (table[first] < table[second]).groupby("order").mean()
 
 
-def noise_rows(frames: dict[str, Frame]):
-    """Statements 1, 2, 4, 8 and 9: figures 10 to 12."""
-    for name, frame in frames.items():
-        top = frame.noise.max()
-        levels = [x for x in (0.01, 0.05, 0.1, 0.2, 0.34, 0.5, 1.0, 1.5, 1.99) if x < top]
-        yield 0, f"{name}: noise levels, %", listed(100 * np.array(levels), 0)
-        for protocol in ("legacy", "correct"):
-            values = pd.DataFrame({x: medians(frame, x)[protocol] for x in levels})
-            best_fit, best_lookup = values.loc[[*FITS]].max(), values.loc[[*LOOKUPS]].min()
-            key = f"{name}, {protocol}"
-            yield 1, f"{key}: best lookup / worse fit", listed(best_lookup / best_fit)
-            yield (
-                2,
-                f"{key}: Hudzovic t3 / Hudzovic fit",
-                listed(values.loc[T3] / values.loc["hudzovic_fit"]),
-            )
-            yield (
-                4,
-                f"{key}: Sani fit / Hudzovic fit",
-                listed(values.loc["sani_fit"] / values.loc["hudzovic_fit"], 3),
-            )
-            yield (
-                8,
-                f"{key}: Hudzovic Tu/Tg / t3",
-                listed(values.loc["hudzovic_tu_tg"] / values.loc[T3]),
-            )
-            rates = pd.DataFrame({x: failure_rates(frame, x)[protocol] for x in levels})
-            yield 9, f"{key}: Hudzovic Tu/Tg failed, %", listed(rates.loc["hudzovic_tu_tg"], 0)
-            yield 9, f"{key}: Hudzovic t3 failed, %", listed(rates.loc[T3], 0)
+def noise(rows: Rows, name: str, frame: Frame, protocol: str) -> None:
+    """By noise level."""
+    levels = [level for level in LEVELS if level < frame.noise.max()]
+    middle = pd.DataFrame({x: medians(frame, x)[protocol] for x in levels})
+    failed = pd.DataFrame({x: failure_rates(frame, x)[protocol] for x in levels})
+    at = f"{protocol} at " + " ".join(f"{100 * level:.0f}" for level in levels) + " %"
+
+    def add(statement, number, values, digits=2):
+        rows.add(statement, name, f"{at}: {number}", values, digits)
+
+    add(1, "best lookup / worse fit", middle.loc[[*LOOKUPS]].min() / middle.loc[[*FITS]].max())
+    add(2, "Hudzovic t3 / Hudzovic fit", middle.loc[T3] / middle.loc[FIT])
+    add(4, "Sani fit / Hudzovic fit", middle.loc[SANI_FIT] / middle.loc[FIT])
+    add(5, "Sani lookup / Hudzovic t3", middle.loc[LOOKUP] / middle.loc[T3])
+    add(8, "Hudzovic Tu/Tg / t3", middle.loc[TU_TG] / middle.loc[T3])
+    add(9, "Hudzovic Tu/Tg failed, %", failed.loc[TU_TG], 0)
+    add(9, "Hudzovic t3 failed, %", failed.loc[T3], 0)
+    add(12, "formulae / Hudzovic Tu/Tg", middle.loc[FORMULAE] / middle.loc[TU_TG])
 
 
-def failure_rows(frame: Frame):
-    """Failures of the lookups by order."""
-    frame["failed"] = frame.plants * ((frame.status == "fallback") | lost_status(frame.status))
-    part = frame[frame.method == "hudzovic_tu_tg"].groupby(["noise", "protocol", "order"])
-    rate = (100 * part.failed.sum() / part.plants.sum()).unstack("order")
-    for (noise, protocol), row in rate.iterrows():
-        yield 13, f"{protocol}, noise {100 * noise:.0f} %: Hudzovic Tu/Tg failed, %", listed(row, 1)
-
-
-def lost_status(status: Frame) -> Frame:
-    return ~status.isin(["successful", "fallback", "at_equal_lags", "at_first_order", "at_bound"])
-
-
-def refinement_rows(frame: Frame):
-    """Figures 13 and 14: largest squared error of the lookup over that of the fit, and its root."""
-    largest = frame.groupby(["figure", "noise", "method"]).squared_error.max()
-    for (figure, noise), part in largest.groupby(["figure", "noise"]):
-        fit = part[part.index.get_level_values("method").str.endswith("fit")].iloc[0]
-        ratio = part.max() / fit
-        key = f"figure {figure}, noise {100 * noise:.0f} %: lookup / fit, squared and root"
-        yield 14, key, listed([ratio, ratio**0.5], 1)
-
-
-def curve_rows(frame: Frame):
-    yield 15, "points of the lookup curves computed", str(len(frame))
-
-
-def resolution_rows(frame: Frame):
+def resolution(rows: Rows, frame: Frame) -> None:
     """Distance of a table's model from that of the exact inversion, and failures."""
-    for method, part in frame[frame.points != "exact"].groupby("method"):
-        part = part.assign(points=part.points.astype(int))
-        kept = part[~part.failed].groupby("points").off_exact
-        off = kept.agg(lambda x: np.sqrt(np.mean(x**2)))
-        rate = 100 * part.groupby("points").failed.mean()
-        yield 11, f"{method}: points", listed(off.index, 0)
-        yield 11, f"{method}: off exact inversion", " ".join(f"{x:.0e}" for x in off)
-        yield 11, f"{method}: failed, %", listed(rate, 1)
+    frame = frame[frame.points != "exact"]
+    points = frame.points.astype(int)
+    at = "at " + " ".join(map(str, sorted(set(points)))) + " points"
+    kept = frame[~frame.failed]
+    off = kept.off_exact.groupby([kept.method, points]).agg(rms)
+    failed = 100 * frame.failed.groupby([frame.method, points]).mean()
+    for method in off.index.unique("method"):
+        values = " ".join(f"{value:.0e}" for value in off[method])
+        rows.add(11, "table_resolution", f"{method} {at}: off exact", values)
+        rows.add(11, "table_resolution", f"{method} {at}: failed, %", failed[method], 1)
+
+
+def failures(rows: Rows, frame: Frame) -> None:
+    """Refusals and default values of one lookup by order."""
+    part = frame[frame.method == TU_TG]
+    keys = [part.noise, part.protocol, part.order]
+    count, failed = part.plants, part.plants * part.failed
+    rate = (100 * failed.groupby(keys).sum() / count.groupby(keys).sum()).unstack("order")
+    for (level, protocol), values in rate.iterrows():
+        number = f"{protocol} at {100 * level:.0f} % noise: Hudzovic Tu/Tg failed, %"
+        rows.add(13, "failures", number, values, 1)
+
+
+def refinement(rows: Rows, frame: Frame) -> None:
+    """Largest squared error of the lookup over that of the fit, and its root."""
+    largest = frame.groupby(["figure", "noise", "method"]).squared_error.max()
+    for (figure, level), part in largest.groupby(["figure", "noise"]):
+        fits = part.index.get_level_values("method").str.endswith("fit")
+        ratio = part[~fits].iloc[0] / part[fits].iloc[0]
+        number = f"figure {figure} at {100 * level:.0f} % noise: lookup / fit, squared and root"
+        rows.add(14, "figures_13_14", number, [ratio, ratio**0.5], 1)
 
 
 if __name__ == "__main__":
