@@ -77,8 +77,10 @@ def ranked(frame: Frame) -> Frame:
 
 
 def near(frame: Frame, noise: float, width: float = 0.01) -> Frame:
-    """Rows within `width` of a noise level."""
-    return frame[(frame.noise - noise).abs() <= width + 1e-12]
+    """Rows within `width` of a noise level, or at the nearest one that was run."""
+    distance = (frame.noise - noise).abs()
+    nearest = distance.groupby(frame.protocol).transform("min")
+    return frame[distance <= nearest.clip(lower=width) + 1e-12]
 
 
 def medians(frame: Frame, noise: float) -> Frame:
