@@ -13,7 +13,7 @@ def run(settings: Settings) -> Outcome:
         settings, "figure 10", 0.35, settings.size(1000, 100), settings.size(1000, 100)
     )
     title = "Error against noise, PT4 plant (Murray 2016, figure 10)"
-    figure = draw(frame, title, 0.01, 0.011, (1e-4, 0.3))
+    figure = draw(frame, title, 0.01, 0.011, (1e-4, 0.1))
     return Outcome(frame, figure, key_numbers(frame, (0.01, 0.1, 0.2, 0.34)))
 
 

@@ -12,7 +12,7 @@ def run(settings: Settings) -> Outcome:
     levels, plants, old = settings.size(100, 12), settings.size(100, 20), settings.size(25, 5)
     frame = random_study(settings, "figure 11", 0.35, levels, plants, old)
     title = "Error against noise, random plants (Murray 2016, figure 11)"
-    figure = draw(frame, title, 0.0, 0.021, (3e-4, 0.3))
+    figure = draw(frame, title, 0.0, 0.021, (3e-4, 0.1))
     return Outcome(frame, figure, key_numbers(frame, (0.01, 0.1, 0.2, 0.34)))
 
 

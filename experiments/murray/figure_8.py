@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from experiments.murray.correct import lost
 from experiments.murray.drawing import finish, line, new_figure, order_axes
 from experiments.murray.order_study import order_study, plants_per_order, rms_by_order
-from experiments.murray.runner import Outcome, Settings, main
+from experiments.murray.runner import Frame, Outcome, Settings, main
 
 
 TITLES = {
@@ -19,8 +19,19 @@ FLOOR = 3e-4
 
 def name_those_below(axes: Axes, largest: float) -> None:
     """Say how small the errors at n = 2 are that lie below the axis."""
-    text = f"n = 2:\nothers\n≤ {largest:.0e}"
+    text = f"n = 2:\nothers to\n{largest:.1e}"
     axes.annotate(text, (1.78, 1.1 * FLOOR), fontsize=9, color="0.3")
+
+
+def name_default_values(axes: Axes, frame: Frame, table: Frame) -> None:
+    """Say how many plants of a point have default values in place of a result."""
+    counts = frame[frame.status == "fallback"].groupby(["method", "order"]).size()
+    for (method, order), count in counts.items():
+        text = f"{count} plant{'s' if count > 1 else ''} with T = 1"
+        place = (order, table.loc[method, order])
+        axes.annotate(
+            text, place, xytext=(0, 8), textcoords="offset points", fontsize=9, ha="right"
+        )
 
 
 def run(settings: Settings) -> Outcome:
@@ -33,6 +44,7 @@ def run(settings: Settings) -> Outcome:
         rows = table.loc[protocol]
         for method, row in rows.iterrows():
             line(axes, str(method), row.index, row.values, markers=True)
+        name_default_values(axes, frame[frame.protocol == protocol], rows)
         below = rows[2][rows[2] < FLOOR]
         if below.size:
             name_those_below(axes, below.max())

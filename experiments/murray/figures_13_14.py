@@ -38,6 +38,10 @@ def models_of(name, family, lags, t, noise) -> dict[str, np.ndarray]:
     return responses
 
 
+def compared(pair: list[float]) -> str:
+    return f"{pair[0]:.2g}, {pair[1]:.2g}, {pair[0] / pair[1]:.1f}"
+
+
 def run(settings: Settings) -> Outcome:
     figure = new_figure((13, 9.5))
     panels = figure.subplots(2, 2)
@@ -57,10 +61,11 @@ def run(settings: Settings) -> Outcome:
             second = axes.twinx()
             second.set_ylabel("squared error", color=ERROR)
             seconds.append(second)
-            largest = []
+            largest, rmse = [], []
             for method, modelled in models_of(name, family, lags, t, noise).items():
                 square = (modelled - clean) ** 2
                 largest.append(float(square.max()))
+                rmse.append(float(np.sqrt(square.mean())))
                 line(axes, method, t, modelled)
                 look = {"color": ERROR, "linewidth": 1.2}
                 kind = "fit" if method.endswith("fit") else "lookup"
@@ -70,10 +75,10 @@ def run(settings: Settings) -> Outcome:
                 row |= {"clean": clean, "model": modelled, "squared_error": square}
                 rows.append(pd.DataFrame(row))
             second.set_ylim(0, 1.3 * max(largest))
-            ratio = largest[0] / largest[1]
-            numbers[
-                f"figure {number}, {level}: largest squared error of lookup, fit, their ratio"
-            ] = f"{largest[0]:.1e}, {largest[1]:.1e}, {ratio:.1f} (root {ratio**0.5:.1f})"
+            numbers[f"figure {number}, {level}: RMSE of lookup, fit, ratio"] = compared(rmse)
+            numbers[f"figure {number}, {level}: largest squared error, the same"] = compared(
+                largest
+            )
     figure.suptitle("Lookup against fit (Murray 2016, figures 13 and 14)")
     finish(figure, [*panels.flat, *seconds], columns=4)
     for second in seconds:

@@ -45,7 +45,7 @@ def run(settings: Settings) -> Outcome:
     right.vlines(times, 1, values, color=HELP, linestyle="--", linewidth=1)
     right.plot(times, values, "o", color=MARK, markersize=8)
     for q, x, y_q in zip(LEVELS, times, values, strict=True):
-        right.annotate(f"t{100 * q:.0f} = {x:.4f}", (x, y_q), xytext=(9, -4),
+        right.annotate(f"t{100 * q:.0f} = {x:.4f}", (x, y_q), xytext=(8, -14),
                        textcoords="offset points",
                        bbox={"color": "white", "pad": 1.5})  # fmt: skip
     lam = float((times[2] - times[0]) / times[1])

@@ -23,7 +23,7 @@ def plants_per_order(settings: Settings) -> int:
 def order_study(settings: Settings) -> Frame:
     """Rows (protocol, order, plant, method, rmse, status, n, T, r); the same plants in both.
 
-    Correct: records from 0 to 99.9 % of the change, 253 samples, which are at least 8 before the
+    Correct: records from 0 to 99.9 % of the change, 253 samples, at least 10 of them before the
     inflection; exact curves, known levels. Legacy: the records and the code of the author.
     """
     return study(settings, "orders")
