@@ -2,6 +2,8 @@
 
 import functools
 import math
+import subprocess
+import sys
 
 import jax
 import jax.numpy as jnp
@@ -146,6 +148,26 @@ def test_a_width_of_10_is_one_of_11():
 def test_widths_are_whole_numbers(width):
     with pytest.raises(ValueError, match="whole number"):
         sliding_average(signal(), width)
+
+
+def test_batched_beside_loess_in_one_program():
+    """Apart from this process, which a crash of XLA's would end."""
+    code = """
+import jax, numpy as np
+from stepax import PTn, sliding_average, smooth
+
+def both(t, y):
+    y = y + PTn(lags=np.full(8, 0.1)).step_response(t)
+    return sliding_average(y, 10).sum() + smooth(t, y, 0.2).sum()
+
+jax.config.update("jax_enable_x64", True)
+t = np.linspace(0, 1, 253) * np.linspace(1, 2, 512)[:, None]
+y = np.random.default_rng(0).random(t.shape)
+batch = jax.jit(lambda *rows: jax.lax.map(lambda row: both(*row), rows, batch_size=32))
+for _ in range(10):
+    assert np.all(np.isfinite(batch(t, y)))
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_sliding_average_takes_one_row():

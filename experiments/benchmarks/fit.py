@@ -33,15 +33,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-from jax.sharding import AxisType, PartitionSpec
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 from scipy import signal
 from scipy.optimize import curve_fit
 
+from experiments.cores import on_all_cores, use_all_cores
+from experiments.numpy_responses import chain_lags, chain_response, hudzovic_response
 from stepax import Hudzovic, Sani, StepRecord, refine
-from stepax._contour import _PAIRS_10
 from stepax._fit import Fit
 from stepax._solver import inner_products
 from stepax.methods._fits import _chain_start
@@ -54,15 +54,6 @@ KNOWN = ("gain", "offset", "delay")
 COLUMNS = (
     "engine", "plants", "plants/s", "a is x times", "floor", "worst excess", "within 1e-6", "bound",
 )  # fmt: skip
-
-
-def on_all_cores(function):
-    """Compiled, over equal shares of the leading axis, one for each core."""
-    mesh = jax.make_mesh((jax.device_count(),), ("cores",), axis_types=(AxisType.Auto,))
-    spec = PartitionSpec("cores")
-    return jax.jit(
-        jax.shard_map(function, mesh=mesh, in_specs=spec, out_specs=spec, check_vma=False)
-    )
 
 
 # records
@@ -110,41 +101,18 @@ def by_optimistix(family, everything, t, y, T, r, delay, n):
 def coordinates(family, T, r, n):
     """Sum of the lags, and squared contrast of the extreme rates (`stepax._coordinates`)."""
     s = 1 - (n - 1) * r if family is Hudzovic else r
-    return np.sum(lags(family, T, r, n)), ((1 - s) / (1 + s)) ** 2
+    return np.sum(chain_lags(family, T, r, n)), ((1 - s) / (1 + s)) ** 2
 
 
 def parameters(family, residence, contrast, n):
     root = np.sqrt(min(max(contrast, 0.0), 1 - 1e-8))
     s = (1 - root) / (1 + root)
     r = (1 - s) / (n - 1) if family is Hudzovic else s
-    return residence / np.sum(lags(family, 1.0, r, n)), r
+    return residence / np.sum(chain_lags(family, 1.0, r, n)), r
 
 
-def lags(family, T, r, n):
-    k = np.arange(n)
-    return T / (1 - k * r) if family is Hudzovic else T * r**k
-
-
-def hudzovic_numpy(t, T, r, n):
-    """Closed form; `equal_spacing_response` in NumPy."""
-    d, m = max(r, 1e-9), 1 - (n - 1) * r
-    e = -np.expm1(-d * t / T) / d
-    total = np.ones_like(t)
-    for j in range(n - 1, 0, -1):
-        total = 1 + (m + (j - 1) * d) / j * e * total
-    return 1 - np.exp(-m * t / T) * total
-
-
-POLES, WEIGHTS = np.array(_PAIRS_10).T[:, :, None]
-
-
-def sani_numpy(t, T, r, n):
-    """Contour quadrature, as in `chain_response`."""
-    x = T / np.maximum(t, 1e-12 * T)
-    product = np.ones((len(POLES), t.size), complex)
-    for k in range(n):
-        product *= 1 + POLES * (x * r**k)
-    return np.where(t > 0, np.sum((WEIGHTS / product).real, axis=0), 0)
+def sani_response(t, T, r, n):
+    return chain_response(t, chain_lags(Sani, T, r, n))
 
 
 def step_scipy(family, t, T, r, n):
@@ -246,7 +214,7 @@ def measure(family, order, everything):
     cost["b"] = costs(family, host, found)
     rows["b"] = {"engine": "b  vmap of optimistix", "plants": PLANTS, "plants/s": PLANTS / duration}
 
-    closed = hudzovic_numpy if family is Hudzovic else sani_numpy
+    closed = hudzovic_response if family is Hudzovic else sani_response
     stepped = functools.partial(step_scipy, family)
     loops = [("c", "curve_fit, NumPy", closed, LOOPED), ("d", "curve_fit, lti", stepped, STEPPED)]
     for letter, name, response, count in loops:
@@ -303,8 +271,7 @@ def main():
     parser.add_argument("--million", action="store_true")
     options = parser.parse_args()
     warnings.simplefilter("ignore")  # curve_fit on covariances, overflow of its trial steps
-    jax.config.update("jax_enable_x64", True)
-    jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)
+    use_all_cores()
     machine = f"{jax.devices()[0].device_kind}, {os.cpu_count()} {platform.machine()} cores"
     machine += f", float64, jax {jax.__version__}, load {os.getloadavg()[0]:.1f}"
     if options.million:

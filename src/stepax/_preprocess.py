@@ -4,6 +4,7 @@ import math
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ._models import as_real
@@ -73,11 +74,14 @@ def sliding_average(y: Float[ArrayLike, " samples"], width: int) -> Samples:
         raise ValueError(f"width must be a whole number of at least 1, got {width!r}.")
     if y.ndim != 1:
         raise ValueError(f"y must be one row of numbers, got shape {y.shape}.")
-    half = min(width // 2, y.shape[0] - 1)
-    ones = jnp.ones(2 * half + 1, y.dtype)
-    total = jnp.convolve(y, ones, mode="full")[half : half + y.shape[0]]
-    count = jnp.convolve(jnp.ones_like(y), ones, mode="full")[half : half + y.shape[0]]
-    return total / count
+    samples = y.shape[0]
+    half = min(width // 2, samples - 1)
+    rows = np.arange(samples)
+    count = np.minimum(rows, half) + np.minimum(samples - 1 - rows, half) + 1
+    # Not jnp.convolve: batched beside other work on its input, XLA's convolution crashes on a CPU.
+    zero = np.zeros((), y.dtype)  # concrete: only then is the window a differentiable sum
+    total = jax.lax.reduce_window(y, zero, jax.lax.add, (2 * half + 1,), (1,), [(half, half)])
+    return total / jnp.asarray(count, y.dtype)
 
 
 def preprocess(
