@@ -162,9 +162,10 @@ def chain_curvature(t: Samples, lags: Lags, weights: Samples) -> Float[Array, "l
     t = jnp.where(started, t, jnp.ones_like(t))
     pairs = np.array(_pairs(t.dtype))
     poles, weight = jnp.asarray(pairs.T, jnp.result_type(t, 1j))[:, :, None]
-    shares = t + poles * lags[:, None, None]
-    terms = weight * jnp.prod(t / shares, axis=0) * jnp.where(started, weights, 0)
-    factors = poles / shares
+    t, weights = t[None, :], jnp.where(started, weights, 0)[None, :]
+    shares = t[None] + poles[None] * lags[:, None, None]
+    terms = weight * jnp.prod(t[None] / shares, axis=0) * weights
+    factors = poles[None] / shares
     twice = 1 + jnp.eye(lags.size, dtype=t.dtype)
     return twice * jnp.real(jnp.einsum("pn,jpn,kpn->jk", terms, factors, factors))
 
