@@ -14,8 +14,9 @@ import pytest
 
 from stepax import FOPDT, PTn, Status
 from stepax._cli import EXAMPLES, run, set_up_jax
+from stepax._compare import Comparison, Row
 from stepax._curves import Lookup
-from stepax._result import conclude, refused
+from stepax._result import conclude, status_name
 from stepax.methods import METHODS
 
 
@@ -40,29 +41,25 @@ def front(monkeypatch):
         return conclude(record, model, calls.status, details=record.details | details)
 
     def compare(record, methods=None, plant=None):
-        result = identify(record)
-        row = SimpleNamespace(
-            method="fopdt_fit",
-            result=result,
-            J=result.J,
-            rmse=result.rmse,
-            fit_percent=result.fit_percent,
-            parameters=4,
-            aicc=1.5,
-            status=result.status,
-            reason=Status[result.status] if bool(refused(result.status)) else "",
-        )
-        lost = SimpleNamespace(method="strejc", result=None, reason="It does not apply.")
-        return SimpleNamespace(rows=[row, lost])
+        return Comparison(record, (row("fopdt_fit", identify(record)), lost(record)))
+
+    def row(method, result):
+        numbers = [float(x) for x in (result.J, result.rmse, result.fit_percent)]
+        status, reason = status_name(result.status), Status[result.status]
+        return Row(method, result, "FOPDT", *numbers, 4, 1.5, status, reason)
+
+    def lost(record):
+        return row("strejc", conclude(record, FOPDT(T=1.0), Status.levels_not_crossed))
 
     module = ModuleType("stepax._identify")
     module.__dict__.update(
         AUTO=("fopdt_fit",),
         identify=identify,
-        compare=compare,
         chosen_method=lambda result: "fopdt_fit",
     )
     monkeypatch.setitem(sys.modules, "stepax._identify", module)
+    monkeypatch.setattr("stepax._compare.compare", compare)
+    monkeypatch.setattr("stepax._cli._compile_side_by_side", lambda *_, **__: None)
     return calls
 
 
@@ -116,9 +113,13 @@ def test_example(capsys, front):
 def test_compare(capsys, front, csv, tmp_path):
     plot, data = tmp_path / "b.svg", tmp_path / "b.json"
     out = success(capsys, "compare", csv, "--plot", plot, "--json", data)
-    assert "FOPDT" in out and "strejc: It does not apply." in out
+    assert "FOPDT" in out and f"strejc: {Status[Status.levels_not_crossed]}" in out
     assert "<svg" in plot.read_text()
     assert [row["method"] for row in json.loads(data.read_text())] == ["fopdt_fit"]
+    assert "FOPDT" in success(capsys, "compare", csv, "--group", "first", "--kind", "bar")
+    assert "no method of the group nth" in failure(capsys, "compare", csv, "--group", "nth")
+    assert "second" in failure(capsys, "compare", csv, "--group", "third")
+    assert "pie" in failure(capsys, "compare", csv, "--kind", "tart")
 
 
 def test_refusals(capsys, front, csv, tmp_path):

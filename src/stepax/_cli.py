@@ -269,9 +269,12 @@ def compare(
         _compile_side_by_side(record, METHODS)
         comparison = compare_methods(record)
         kept = comparison.models(group)
+        if not comparison.models():
+            raise ValueError(
+                f"{record.labels.source}: no method gives a model: {comparison.rows[0].reason}"
+            )
         if not kept:
-            reason = comparison.rows[0].reason if comparison.rows else "there are no methods."
-            raise ValueError(f"{record.labels.source}: no method gives a model: {reason}")
+            raise ValueError(f"{record.labels.source}: no method of the group {group} gives one.")
         written = outputs.write(
             lambda: comparison.plot(group, kind),
             lambda: [to_json(row.result, row.method) for row in kept],

@@ -190,7 +190,7 @@ def _positive(normal: Array, curvature: Array) -> Array:
     scale = jnp.sqrt(jnp.where(diagonal > 0, diagonal, 1))
     scale = scale[:, None] * scale[None, :]
     values, vectors = jnp.linalg.eigh((normal + curvature) / scale)
-    return (vectors * jnp.abs(values)) @ vectors.T * scale
+    return (vectors * jnp.abs(values)[None, :]) @ vectors.T * scale
 
 
 def _bounded_step(matrix, gradient, free, damping, y, lower, upper) -> Array:
