@@ -68,6 +68,40 @@ def test_one_lag_against_another_in_closed_form():
     np.testing.assert_allclose(ours, exact, rtol=1e-10)
 
 
+def test_what_differs_before_the_dead_times_counts():
+    """0.1^2 for 5, then a lag of 1: 0.1^2/2."""
+    model = FOPDT(T=1.0, gain=1.9, offset=1.1, delay=5.0)
+    plant = FOPDT(T=1.0, gain=2.0, offset=1.0, delay=5.0)
+    np.testing.assert_allclose(squared_deviation(model, plant), 0.055, rtol=1e-9)
+
+
+def test_lags_far_apart_need_few_panels():
+    ours = squared_deviation(FOPDT(T=1e-8), FOPDT(T=1.0))
+    np.testing.assert_allclose(ours, 0.5 * (1 - 1e-8) ** 2 / (1 + 1e-8), rtol=1e-9)
+
+
+def test_levels_that_agree_in_float32_are_the_same():
+    model = FOPDT(T=np.float32(2.0), gain=np.float32(2.2), offset=np.float32(1.1))
+    plant = FOPDT(T=np.float32(1.0), gain=np.float32(2.2000003), offset=np.float32(1.1))
+    assert np.isfinite(squared_deviation(model, plant))
+
+
+def test_aicc_of_fits_and_others_counts_the_same_rows():
+    t = np.linspace(-40.0, 40.0, 401)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(t.size)
+    y = np.asarray(FOPDT(T=8.0, delay=2.0).step_response(t)) + noise
+    rows = compare(StepRecord(t, y, initial=0.0, final=1.0), ["viteckova_1", "fopdt_fit"]).rows
+    square = [float(np.sum((y - np.asarray(row.result.predict(t))) ** 2)) for row in rows]
+    per_row = np.diff([row.aicc for row in rows]) / t.size
+    np.testing.assert_allclose(per_row, np.log(square[1] / square[0]), rtol=1e-6)
+    assert [row.parameters for row in rows] == [2, 2]
+
+
+def test_nothing_to_compare(record):
+    with pytest.raises(ValueError, match="at least one method"):
+        compare(record, [])
+
+
 @pytest.mark.parametrize(
     ("model", "plant"),
     [

@@ -89,11 +89,12 @@ def test_noisy_optimum_is_that_of_scipy(family):
     assert cost <= 2 * oracle.cost * (1 + 1e-6)
 
 
-@pytest.mark.parametrize("family", ["FOPDT", "Sani"])
+@pytest.mark.parametrize("family", ["FOPDT", "Sani", "PTn"])
 def test_float32_follows_the_data(family):
     record = simulated(TRUE[family], noise=0.05, dtype=np.float32)
     result = COMPILED(record, START[family])
-    assert result.rmse.dtype == result.model.T.dtype == jnp.float32
+    own = result.model.lags if family == "PTn" else result.model.T
+    assert result.rmse.dtype == own.dtype == jnp.float32
     double = COMPILED(simulated(TRUE[family], noise=0.05), START[family])
     np.testing.assert_allclose(result.rmse, double.rmse, rtol=1e-3)
     np.testing.assert_allclose(result.model.gain, double.model.gain, rtol=1e-3)
@@ -267,6 +268,33 @@ def test_a_lag_of_0_is_none_and_stays_none():
     np.testing.assert_allclose(three.details["aicc"], two.details["aicc"], rtol=1e-9)
     assert bool(three.status == Status.successful)
     assert np.isfinite(three.covariance).all()
+
+
+def test_gradients_where_lags_are_equal():
+    """Equal lags move together: d(sum of lags)/d(data) against differences, no noise."""
+    start = PTn(lags=[7.0, 4.0, 2.0])
+    record = simulated(EqualLag(T=4.0, n=3))
+    weights = jnp.asarray(np.random.default_rng(3).standard_normal(T.size))
+
+    def total(y):
+        known = StepRecord(T, y, STEP_TIME, STEP_SIZE, initial=0.0, final=STEP_SIZE)
+        return jnp.sum(refine(known, start, ("delay",), errors=False).model.lags)
+
+    gradient = jax.jit(jax.grad(total))(record.y)
+    assert jnp.max(jnp.abs(gradient)) < 10
+    # the closed form: the slope of the response in the sum of its lags, all equal
+    slope = jax.jit(
+        jax.jacfwd(lambda s: STEP_SIZE * EqualLag(T=s / 3, n=3).step_response(T - STEP_TIME))
+    )(12.0)
+    np.testing.assert_allclose(gradient @ weights, slope @ weights / (slope @ slope), rtol=1e-4)
+
+
+def test_weights_count_up_to_a_common_factor():
+    record = simulated(TRUE["FOPDT"], noise=0.05)
+    one = COMPILED(record, START["FOPDT"], weights=jnp.ones(T.size))
+    tiny = COMPILED(record, START["FOPDT"], weights=jnp.full(T.size, 1e-30))
+    np.testing.assert_allclose(tiny.model.T, one.model.T, rtol=1e-9)
+    np.testing.assert_allclose(tiny.std["T"], one.std["T"], rtol=1e-6)
 
 
 def test_ptn_fit_finds_the_number_of_lags():

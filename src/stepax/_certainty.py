@@ -130,7 +130,7 @@ def with_errors(
     covariance = jnp.where(unknown[:, None] | unknown[None, :], jnp.nan, covariance)
     covariance = jnp.where(absent[:, None] | absent[None, :], 0, covariance)
     covariance = nan_where(refused(result.status), covariance)
-    errors = jnp.sqrt(jnp.diagonal(covariance))
+    errors = safe_sqrt(jnp.diagonal(covariance))
     vague = ~(at_bound | absent) & (lost | _vague(result, free, row, errors))
     verdict = Status.where(jnp.any(vague), Status.not_identifiable, Status.successful)
     bounded = at_bound & jnp.array([name not in ("delay", "gain", "offset") for name in free])

@@ -166,8 +166,8 @@ def _shortened_second(full, model, lag) -> tuple[list[Array], Array]:
 def _shortened_lags(full, model, lag) -> tuple[list[Array], Array]:
     row = jnp.stack(full)
     place = jnp.argmin(jnp.where(present_lags(model), row, jnp.inf))
-    other = row.at[place].set(lag / unit_of_lags(model))
-    return list(other), row[place] * unit_of_lags(model)
+    unit = unit_of_lags(model).astype(row.dtype)
+    return list(row.at[place].set(lag / unit)), row[place] * unit
 
 
 def _encode_lags(model) -> Array:
@@ -178,7 +178,8 @@ def _encode_lags(model) -> Array:
 
 
 def _decode_lags(x, model, exact) -> dict[str, Array]:
-    return {"lags": jnp.stack(list(x)) * unit_of_lags(model)}
+    row = jnp.stack(list(x))
+    return {"lags": row * unit_of_lags(model).astype(row.dtype)}
 
 
 def unit_of_lags(model: Any) -> Array:

@@ -185,12 +185,13 @@ class Fit(eqx.Module):
         itself; None for models that have no such lag.
         """
         shortened = self.family.shortened
-        if shortened is None or not self.own_free.all() or not self.free_delay:
+        if shortened is None or {"r", "zeta", "lags"} & set(self.fixed) or not self.free_delay:
             return None
         interval = self.duration / jnp.sum(self.record.after_step)
         full, before = shortened(self._full(x), self.model, interval / 2)
         delay = x[self.delay_place] + (before - interval / 2) / self.duration
-        other = jnp.append(jnp.stack(full) - self._shift(), delay)
+        own = (jnp.stack(full) - self._shift())[np.flatnonzero(self.own_free)]
+        other = jnp.append(own, delay)
         other = jnp.append(other, jnp.asarray(x)[self.delay_place + 1 :])
         short = before < FEW_SAMPLES * interval
         return jnp.where(short, jnp.clip(other, *self.bounds()), jnp.asarray(x))
@@ -292,7 +293,8 @@ class Fit(eqx.Module):
         since = self._elapsed - plant.delay
         g = plant.unit_response(since)
         slope = jax.grad(lambda g: jnp.sum(self.residual(x, g) ** 2) / 2)(g)
-        block = chain_curvature(since, plant.lags, slope) * unit_of_lags(self.model) ** 2
+        unit = unit_of_lags(self.model).astype(g.dtype)
+        block = chain_curvature(since, plant.lags, slope) * unit**2
         size = plant.lags.size
         return jnp.zeros((x.size, x.size), block.dtype).at[:size, :size].set(block)
 
@@ -327,6 +329,16 @@ class Fit(eqx.Module):
             return jnp.where(loss(merged) <= limit, merged, best), None
 
         return jax.lax.scan(merge, x, jnp.asarray(MERGED, x.dtype))[0]
+
+    def means_of_equal_lags(self, x: Array) -> Array:
+        """Matrix that gives each coordinate the mean of those equal to it: lags alone can be."""
+        if not self.individual:
+            return jnp.eye(x.size, dtype=x.dtype)
+        size = self.own_free.size
+        equal = (x[:size, None] == x[None, :size]) & ~self.absent[:, None] & ~self.absent[None, :]
+        equal = equal | np.eye(size, dtype=bool)
+        mean = equal / jnp.sum(equal, axis=1, keepdims=True)
+        return jnp.eye(x.size, dtype=x.dtype).at[:size, :size].set(mean.astype(x.dtype))
 
     def _move(self, k: int, x: Array) -> Samples:
         """Derivative of the response in one coordinate."""
@@ -410,7 +422,7 @@ def final_level_ties(record: StepRecord, fixed) -> bool:
 
 
 def weights_of(record: StepRecord, weights) -> Samples:
-    """Weights of the rows of a record, or of its stand-in where it is too short to be used."""
+    """Weights of the rows of a record, 1 at most, or of its stand-in where that is too short."""
     size = max(record.y.size, MIN_SAMPLES)
     if weights is None:
         return jnp.ones(size, record.y.dtype)
@@ -419,6 +431,8 @@ def weights_of(record: StepRecord, weights) -> Samples:
         raise ValueError(
             f"weights need one value per row of the record, {record.y.size}, got {weights.size}."
         )
+    largest = jnp.max(weights)
+    weights = weights / jnp.where(largest > 0, largest, 1)
     ones = jnp.ones(size, record.y.dtype)
     return weights * ones if weights.shape in ((), (size,)) else ones
 

@@ -10,6 +10,7 @@ import numpy as np
 from jax.core import Tracer
 
 from ._certainty import aicc, with_errors
+from ._models import PTn
 from ._record import StepRecord
 from ._result import Identification, parameter_names, refused
 from .methods import METHODS
@@ -90,26 +91,31 @@ def chosen_method(result: Identification) -> str:
 
 
 def aicc_of(result: Identification):
-    """AICc of a result, infinite for a refusal; of methods that do not fit, from their RMSE."""
+    """AICc of a result over all rows of its record, infinite for a refusal."""
     if "aicc" in result.details:
         value = result.details["aicc"]
     else:
-        count = result.record.y.size
-        value = aicc(count * result.rmse**2, count, parameter_count(result))
+        record = result.record
+        square = jnp.sum((record.y - result.predict(record.t)) ** 2)
+        value = aicc(square, record.y.size, parameter_count(result))
     return jnp.where(refused(result.status) | jnp.isnan(value), jnp.inf, value)
 
 
 def parameter_count(result: Identification) -> int:
-    """Number of parameters that were found from the record.
+    """Number of parameters that were found from the record, an order that was chosen among them.
 
-    Lags of 0 do not count, nor a dead time of 0 that no fit has varied; equal lags count once, and
-    gain and offset unless the record's levels are known.
+    Of a fit those that its AICc counts. Of other methods: lags of 0 do not count, equal ones once,
+    nor a dead time of 0, nor gain and offset where the record's levels are known.
     """
-    found = {name.split("[")[0] for name in result.free}
-    if not found:
-        levels = {"gain": result.record.final, "offset": result.record.initial}
-        known = {name for name, level in levels.items() if level is not None}
-        known |= set() if float(result.model.delay) else {"delay"}
-        found = set(parameter_names(result.model)) - known
-    values = [np.unique(np.asarray(getattr(result.model, name))) for name in found]
-    return sum(int(np.count_nonzero(x)) if x.size > 1 else 1 for x in values)
+    if "parameters" in result.details:
+        return int(result.details["parameters"])
+    model, record = result.model, result.record
+    levels = {"gain": record.final, "offset": record.initial}
+    known = {name for name, level in levels.items() if level is not None}
+    known |= set() if float(model.delay) else {"delay"}
+    found = set(parameter_names(model)) - known
+    if eqx.is_array(getattr(model, "n", None)):
+        found |= {"n"}
+    values = [np.unique(np.asarray(getattr(model, name))) for name in found]
+    chosen = isinstance(model, PTn) and model.lags.size > 2
+    return int(chosen) + sum(int(np.count_nonzero(x)) if x.size > 1 else 1 for x in values)

@@ -127,8 +127,8 @@ def _optimum_jvp(primals, tangents):
     r"""Implicit function theorem for $\nabla_x \frac12 |r(x)|^2 = 0$ over the free coordinates.
 
     A coordinate on its bound does not move, nor does a dead time at a kink, which the slope that
-    is left there tells. The matrix is the Hessian; where a dead time leaves it indefinite,
-    $J^\top J$.
+    is left there tells; equal lags move together. The matrix is the Hessian; where a dead time
+    leaves it indefinite, $J^\top J$.
     """
     fit, start, *_ = primals
     found = optimum(*primals)
@@ -151,21 +151,29 @@ def _optimum_jvp(primals, tangents):
         residual = fit.residual(x)
         free = free.at[place].set(free[place] & (promised <= 1e-7 * residual @ residual))
     _, change = eqx.filter_jvp(lambda fit: gradient(x, fit), (fit,), (tangents[0],))
-    scaled, scale = _scaled(hessian, free)
+    mean = fit.means_of_equal_lags(x)
+    change = mean @ change
+    scaled, scale = _scaled(hessian, free, mean)
     if fit.free_delay:
         jacobian = columns(lambda *x: fit.residual(x), x)
         definite = jnp.linalg.eigvalsh(scaled)[0] > jnp.finfo(x.dtype).eps ** 0.75
-        normal, normal_scale = _scaled(jacobian @ jacobian.T, free)
+        normal, normal_scale = _scaled(jacobian @ jacobian.T, free, mean)
         scaled, scale = jax.tree.map(
             lambda a, b: jnp.where(definite, a, b), (scaled, scale), (normal, normal_scale)
         )
-    move = -scale * solve_positive(scaled, jnp.where(free, change, 0) * scale)
+    move = -mean @ (scale * solve_positive(scaled, jnp.where(free, change, 0) * scale))
     move = jnp.where(found.converged, move, jnp.nan)
     return found, Optimum(move, None, None)  # pyright: ignore[reportArgumentType]
 
 
-def _scaled(matrix: Array, free: Array) -> tuple[Array, Array]:
-    """A normal matrix over the free coordinates with diagonal 1, and the scale that makes it so."""
+def _scaled(matrix: Array, free: Array, mean: Array) -> tuple[Array, Array]:
+    """A normal matrix over the free coordinates with diagonal 1, and the scale that makes it so.
+
+    Only moves that `mean` leaves as they are count; all others are made stiff.
+    """
+    matrix = mean @ matrix @ mean
+    stiff = jnp.max(jnp.abs(jnp.diagonal(matrix)))
+    matrix = matrix + stiff * (jnp.eye(free.size, dtype=matrix.dtype) - mean)
     both = free[:, None] & free[None, :]
     matrix = jnp.where(both, matrix, jnp.eye(free.size, dtype=matrix.dtype))
     scale = 1 / jnp.sqrt(jnp.maximum(jnp.abs(jnp.diagonal(matrix)), jnp.finfo(matrix.dtype).tiny))

@@ -202,6 +202,8 @@ def _draw_bars(axes: Axes, rows, colors: list[str], record: StepRecord) -> None:
 def _draw_pie(axes: Axes, rows) -> None:
     """Shares of the sum of J, largest first; slices too thin for a label have none."""
     kept = [row for row in reversed(rows) if np.isfinite(row.J)]
+    if not kept:
+        raise ValueError("No model has a finite J, of which a pie could show the share.")
     values = np.array([row.J for row in kept])
     shares = values / values.sum() if values.sum() > 0 else np.full(len(kept), 1 / len(kept))
     greys = matplotlib.colormaps["YlGnBu_r"](np.linspace(0.1, 0.9, len(kept)))

@@ -72,7 +72,7 @@ def refine(
     **Returns:** `Identification`; see `with_errors` for the standard errors. Derivatives with
     respect to the record and to what is fixed come from the implicit function theorem; those of a
     lane that did not converge are NaN. `.details`: `steps`, `aicc` (Hurvich and Tsai 1989, with
-    the number of free parameters), `at_bound` in the order of `.free`, with "huber" the
+    the number of free `parameters`), `at_bound` in the order of `.free`, with "huber" the
     `noise_level`; unless `errors=False` also those of `with_errors`.
     """
     _check(model, fixed, order, loss)
@@ -98,7 +98,8 @@ def best_order(
     # argmax finds the first, that is smallest, order that is near enough
     best = jnp.argmax(score <= jnp.min(score) + SAME_AICC)
     result = jax.tree.map(lambda x: x[best], results)
-    details = result.details | {"aicc": result.details["aicc"] + 2}
+    details = {name: result.details[name] + more for name, more in (("aicc", 2), ("parameters", 1))}
+    details = result.details | details
     return dataclasses.replace(result, record=record, details=details)
 
 
@@ -131,11 +132,13 @@ def _refine(record, model, fixed, weights, loss, solver, max_steps) -> Identific
         fit.bound_status(found.x),
     )
     free = fit.free_names()
+    parameters = len(free) - jnp.sum(fit.absent)
     loss_value = jnp.sum(fit.residual(found.x, g) ** 2) * fit.range**2
     details = {
         "steps": found.steps,
         "at_bound": fit.at_bound(found.x),
-        "aicc": aicc(loss_value, jnp.sum(fit.weights > 0), len(free) - jnp.sum(fit.absent)),
+        "parameters": parameters,
+        "aicc": aicc(loss_value, jnp.sum(fit.weights > 0), parameters),
     }
     result = conclude(safe, fitted, status, response=g, free=free, details=details | noise)
     return dataclasses.replace(result, record=record)

@@ -102,7 +102,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         gradient = jnp.where(better, products[:-1, -1], state.gradient)
         normal = products[:-1, :-1]
         if curved:
-            normal = _positive(normal, options["curvature"](args, new))
+            curvature = options["curvature"](args, new)
+            normal = _positive(normal, curvature, lower < upper)
         matrix = jnp.where(better, normal, state.matrix)
 
         free = free_parameters(y, gradient, lower, upper)
@@ -184,12 +185,13 @@ def free_parameters(y, gradient, lower, upper) -> Bool[Array, " p"]:
     return (lower < upper) & ~stuck
 
 
-def _positive(normal: Array, curvature: Array) -> Array:
-    """Their sum with the absolute values of its eigenvalues, scaled by the normal matrix."""
+def _positive(normal: Array, curvature: Array, varies: Array) -> Array:
+    """Their sum over what varies, scaled, with the absolute values of its eigenvalues."""
     diagonal = jnp.diagonal(normal) + jnp.abs(jnp.diagonal(curvature))
     scale = jnp.sqrt(jnp.where(diagonal > 0, diagonal, 1))
     scale = scale[:, None] * scale[None, :]
-    values, vectors = jnp.linalg.eigh((normal + curvature) / scale)
+    both = varies[:, None] & varies[None, :]
+    values, vectors = jnp.linalg.eigh(jnp.where(both, normal + curvature, 0) / scale)
     return (vectors * jnp.abs(values)[None, :]) @ vectors.T * scale
 
 
