@@ -318,6 +318,13 @@ ENDS = {
         (wavy(0.5), "successful"),
         (system_row("S4"), "successful"),
     ],
+    "alfaro_overdamped": [
+        (early(0.8), "beyond_first_order"),
+        (wavy(0.7), "beyond_second_order"),
+        (wavy(0.5), "beyond_second_order"),
+        (wavy(0.3), "beyond_second_order"),
+        (wavy(0.1), "beyond_second_order"),
+    ],
     "oldenbourg_sartorius": [
         (system_row("S1"), "successful"),
         (wavy(0.995), "at_curve_end"),
