@@ -496,6 +496,21 @@ def test_ends_warn_and_beyond_them_is_a_refusal(name):
         np.testing.assert_allclose(*result.model.lags[2], rtol=1e-12)
 
 
+def test_ends_in_float32():
+    """Warnings as in float64 from a few 1e-4 on; exact plants at the ends without one."""
+    plants = [*ENDS["smith"], (system_row("S1"), "successful"), (system_row("S2"), "successful")]
+    rows, expected = zip(*plants, strict=True)
+    result = run("smith", list(rows), dtype=np.float32)
+    for k, status in enumerate(expected):
+        assert result.status._value[k] == getattr(Status, status)._value, (k, status)
+    missing = [row(lambda t: chain(t, [1.0]), 10.0, dead=dead) for dead in (-0.0024, 0.0)]
+    result = run("viteckova_1", missing, dtype=np.float32, constants="exact")
+    raw = result.details["raw_delay"]
+    np.testing.assert_allclose(raw[:2], [-0.0024, 0], atol=2e-5)
+    assert result.status._value[0] == Status.delay_dropped._value
+    assert result.status._value[1] == Status.successful._value
+
+
 # ---- refusals, neighbours, static mistakes
 
 

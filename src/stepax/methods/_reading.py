@@ -58,8 +58,12 @@ def checked_times(read: Array, delay) -> tuple[Array, Status]:
 
 
 def rounding(dtype) -> float:
-    """Relative size below which a difference between readings is no news."""
-    return 10 * float(jnp.finfo(dtype).eps) ** 0.5
+    """Relative size below which a difference between readings is no news.
+
+    The interpolation between samples errs by 1e-7, and a curve's end next to one lag lies within
+    sqrt(eps) of it (`shape_ends`): 1.2e-7 in all, 4.3e-4 in float32.
+    """
+    return 1e-7 + 1.25 * float(jnp.finfo(dtype).eps) ** 0.5
 
 
 def own_delay(raw: Scalar, scale: Scalar) -> tuple[Scalar, Status]:
