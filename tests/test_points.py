@@ -28,7 +28,7 @@ from stepax import METHODS, Status, StepRecord, smooth
 from stepax._characterise import value_at
 from stepax._roots import clamped_root
 from stepax._second_order import level_times, unit_response
-from stepax.methods import MODELS
+from stepax.methods import MODELS, _two_points
 from stepax.methods._charts import smith_ratio
 from stepax.methods._tables import latzel_table, strejc_table
 from stepax.methods._two_points import TWO_POINTS, exact_constants
@@ -556,6 +556,47 @@ def test_static_mistakes(name):
     assert METHODS[name].__name__ == name
     named = set(re.findall(r"`(\w+)`", METHODS[name].__doc__)) & set(Status._name_to_item)
     assert named or "status as in" in METHODS[name].__doc__
+
+
+@pytest.mark.parametrize(
+    ("name", "option", "number"),
+    [
+        ("strejc", "span", np.float64(0.1)),
+        ("smith", "tolerance", np.float32(0.25)),
+        ("smith", "underdamped", np.bool_(True)),
+        ("sani_t10_t50_t90", "tolerance", np.float64(1e-3)),
+        ("viteckova", "order", np.int64(3)),
+        ("viteckova", "orders", [np.int64(2), np.int64(3)]),
+    ],
+)
+def test_options_may_be_numbers_of_numpy(name, option, number):
+    record = StepRecord(*system_row("S4", samples=60)[:2])
+    plain = [n.item() for n in number] if isinstance(number, list) else number.item()
+    results = [
+        jax.eval_shape(lambda x=x: METHODS[name](record, **{option: x})) for x in (number, plain)
+    ]
+    assert jax.tree.structure(results[0]) == jax.tree.structure(results[1])
+    assert jax.tree.leaves(results[0]) == jax.tree.leaves(results[1])
+
+
+def test_the_delay_is_traced_in_the_dtype_of_the_record(monkeypatch):
+    t, y, *_ = (np.asarray(x, np.float32) for x in system_row("S3", samples=60))
+    record = StepRecord(t, y, initial=0.0, final=2.0)
+    delays = [np.float64(0.01), 0.02, np.float32(0.03), np.array(0.04), jnp.asarray(0.05), 0]
+    traces, original = [], _two_points._two_points
+
+    def counted(*arguments):
+        traces.append(arguments)
+        return original(*arguments)
+
+    monkeypatch.setattr(_two_points, "_two_points", counted)
+    results = [METHODS["viteckova_1"](record, delay=delay) for delay in delays]
+    assert len(traces) == 1
+    for result in results:
+        assert result.model.T.dtype == result.model.delay.dtype == np.float32
+    np.testing.assert_allclose([r.model.T for r in results], results[0].model.T, rtol=1e-6)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'delays'"):
+        METHODS["viteckova_1"](record, delays=0.1)
 
 
 def test_sizes_of_the_models():
