@@ -349,6 +349,14 @@ def test_ends_warn_and_beyond_them_is_a_refusal(name):
         assert np.isnan(result.rmse[k]) == status.startswith(("beyond", "invalid"))
 
 
+@pytest.mark.parametrize("name", [*sorted(TANGENTS), "strejc", "sani_tu_tg", "hudzovic_tu_tg"])
+def test_no_tangent_between_equal_levels(name):
+    bump = row(lambda t: t * np.exp(-t), 20.0)
+    result = run(name, [(*bump[:5], 0.0, 0.0)], lanes=2)
+    assert (result.status._value == Status.no_inflection._value).all()
+    assert np.isnan(parameters(result.model)[:, 0]).all() and np.isnan(result.rmse).all()
+
+
 def test_polynomials_of_rangaiah_and_krishnaswamy_outside_their_range():
     result = run("rangaiah_krishnaswamy", [wavy(0.5), early(0.8)], constants="printed")
     assert result.status._value[0] == Status.extrapolated._value
