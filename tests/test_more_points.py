@@ -376,7 +376,7 @@ def refused_rows():
     }
 
 
-@more
+@pytest.mark.parametrize("name", [*STORED, "sani_tu_tg", "sani_interpolation"])
 def test_refusals_leave_their_neighbours_alone(name):
     good, bad = system_row("S3", 25), refused_rows()
     options = OPTIONS.get(name, {})
@@ -386,6 +386,7 @@ def test_refusals_leave_their_neighbours_alone(name):
     for k, status in enumerate(bad, start=1):
         assert result.status._value[k] == getattr(Status, status)._value, status
         assert np.isnan(result.rmse[k]) and np.isnan(numbers[k, 0])
+        assert all(np.isnan(x[k]) for x in result.details.values()), status
     for a, b in zip(jax.tree.leaves(result), jax.tree.leaves(alone), strict=True):
         assert np.array_equal(a[0], b[0], equal_nan=True)
 

@@ -404,6 +404,13 @@ def test_details_hold_what_was_read(name):
 # ---- Smith's options
 
 
+def test_a_refused_model_leaves_what_was_read():
+    result = run("smith", [system_row("S4")])
+    assert result.status._value[0] == Status.beyond_second_order._value
+    for key, level in READ["smith"].items():
+        np.testing.assert_allclose(chain(result.details[key][0], SYSTEMS["S4"]), level, atol=1e-8)
+
+
 def test_smith_takes_off_a_dead_time_if_asked():
     result = run("smith", [system_row(system) for system in SYSTEMS], dead_time=True)
     np.testing.assert_allclose(result.model.lags[3], [1.41173, 0.36836], rtol=1e-5)
@@ -544,6 +551,7 @@ def test_refusals_leave_their_neighbours_alone(name):
         else:
             assert result.status._value[k] == getattr(Status, status)._value, status
             assert np.isnan(result.rmse[k]) and np.isnan(numbers[k, 0])
+            assert all(np.isnan(x[k]) for x in result.details.values()), status
     for a, b in zip(jax.tree.leaves(result), jax.tree.leaves(alone), strict=True):
         assert np.array_equal(a[0], b[0], equal_nan=True)
 
