@@ -311,6 +311,10 @@ def wavy(zeta):
     return row(lambda t: oscillation(t, zeta, 1.0), 40.0)
 
 
+def equal(n):
+    return row(lambda t: special.gammainc(n, np.maximum(t, 0)), 4.0 * n + 25)
+
+
 ENDS = {
     "rangaiah_krishnaswamy": [
         (early(0.999), "at_curve_end"),
@@ -335,7 +339,14 @@ ENDS = {
         (row(lambda t: special.gammainc(80, np.maximum(t, 0)), 200.0), "beyond_last_order"),
         (wavy(0.3), "invalid_moments"),
     ],
-    "moments_sopdt": [(early(0.9), "at_curve_end"), (system_row("S4", 25), "at_curve_end")],
+    "moments_sopdt": [
+        (early(0.9), "at_curve_end"),
+        (early(0.4), "beyond_first_order"),
+        (system_row("S4", 25), "at_curve_end"),
+        (equal(7.7), "at_curve_end"),
+        (equal(8.3), "beyond_second_order"),
+        (wavy(0.75), "beyond_second_order"),
+    ],
     "area_fopdt": [(early(0.9), "delay_dropped"), (system_row("S4", 25), "successful")],
 }
 
@@ -347,6 +358,13 @@ def test_ends_warn_and_beyond_them_is_a_refusal(name):
     for k, status in enumerate(expected):
         assert result.status._value[k] == getattr(Status, status)._value, (k, status)
         assert np.isnan(result.rmse[k]) == status.startswith(("beyond", "invalid"))
+
+
+def test_ends_of_the_moments_in_float32():
+    rows = [system_row("S4", 25), equal(2.5), early(0.9)]
+    lags = run("moments_sopdt", rows, dtype=np.float32).model.lags
+    assert (lags[:2, 0] == lags[:2, 1]).all() and (lags[:3, 0] > 0).all()
+    assert lags[2, 1] == 0
 
 
 @pytest.mark.parametrize("name", [*sorted(TANGENTS), "strejc", "sani_tu_tg", "hudzovic_tu_tg"])
