@@ -311,12 +311,23 @@ def wavy(zeta):
     return row(lambda t: oscillation(t, zeta, 1.0), 40.0)
 
 
+def equal(n):
+    return row(lambda t: special.gammainc(n, np.maximum(t, 0)), 4.0 * n + 25)
+
+
 ENDS = {
     "rangaiah_krishnaswamy": [
         (early(0.999), "at_curve_end"),
         (early(0.8), "beyond_first_order"),
         (wavy(0.5), "successful"),
         (system_row("S4"), "successful"),
+    ],
+    "alfaro_overdamped": [
+        (early(0.8), "beyond_first_order"),
+        (wavy(0.7), "beyond_second_order"),
+        (wavy(0.5), "beyond_second_order"),
+        (wavy(0.3), "beyond_second_order"),
+        (wavy(0.1), "beyond_second_order"),
     ],
     "oldenbourg_sartorius": [
         (system_row("S1"), "successful"),
@@ -328,7 +339,14 @@ ENDS = {
         (row(lambda t: special.gammainc(80, np.maximum(t, 0)), 200.0), "beyond_last_order"),
         (wavy(0.3), "invalid_moments"),
     ],
-    "moments_sopdt": [(early(0.9), "at_curve_end"), (system_row("S4", 25), "at_curve_end")],
+    "moments_sopdt": [
+        (early(0.9), "at_curve_end"),
+        (early(0.4), "beyond_first_order"),
+        (system_row("S4", 25), "at_curve_end"),
+        (equal(7.7), "at_curve_end"),
+        (equal(8.3), "beyond_second_order"),
+        (wavy(0.75), "beyond_second_order"),
+    ],
     "area_fopdt": [(early(0.9), "delay_dropped"), (system_row("S4", 25), "successful")],
 }
 
@@ -340,6 +358,21 @@ def test_ends_warn_and_beyond_them_is_a_refusal(name):
     for k, status in enumerate(expected):
         assert result.status._value[k] == getattr(Status, status)._value, (k, status)
         assert np.isnan(result.rmse[k]) == status.startswith(("beyond", "invalid"))
+
+
+def test_ends_of_the_moments_in_float32():
+    rows = [system_row("S4", 25), equal(2.5), early(0.9)]
+    lags = run("moments_sopdt", rows, dtype=np.float32).model.lags
+    assert (lags[:2, 0] == lags[:2, 1]).all() and (lags[:3, 0] > 0).all()
+    assert lags[2, 1] == 0
+
+
+@pytest.mark.parametrize("name", [*sorted(TANGENTS), "strejc", "sani_tu_tg", "hudzovic_tu_tg"])
+def test_no_tangent_between_equal_levels(name):
+    bump = row(lambda t: t * np.exp(-t), 20.0)
+    result = run(name, [(*bump[:5], 0.0, 0.0)], lanes=2)
+    assert (result.status._value == Status.no_inflection._value).all()
+    assert np.isnan(parameters(result.model)[:, 0]).all() and np.isnan(result.rmse).all()
 
 
 def test_polynomials_of_rangaiah_and_krishnaswamy_outside_their_range():
@@ -361,7 +394,7 @@ def refused_rows():
     }
 
 
-@more
+@pytest.mark.parametrize("name", [*STORED, "sani_tu_tg", "sani_interpolation"])
 def test_refusals_leave_their_neighbours_alone(name):
     good, bad = system_row("S3", 25), refused_rows()
     options = OPTIONS.get(name, {})
@@ -371,6 +404,7 @@ def test_refusals_leave_their_neighbours_alone(name):
     for k, status in enumerate(bad, start=1):
         assert result.status._value[k] == getattr(Status, status)._value, status
         assert np.isnan(result.rmse[k]) and np.isnan(numbers[k, 0])
+        assert all(np.isnan(x[k]) for x in result.details.values()), status
     for a, b in zip(jax.tree.leaves(result), jax.tree.leaves(alone), strict=True):
         assert np.array_equal(a[0], b[0], equal_nan=True)
 

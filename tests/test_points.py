@@ -28,7 +28,7 @@ from stepax import METHODS, Status, StepRecord, smooth
 from stepax._characterise import value_at
 from stepax._roots import clamped_root
 from stepax._second_order import level_times, unit_response
-from stepax.methods import MODELS
+from stepax.methods import MODELS, _two_points
 from stepax.methods._charts import smith_ratio
 from stepax.methods._tables import latzel_table, strejc_table
 from stepax.methods._two_points import TWO_POINTS, exact_constants
@@ -404,6 +404,13 @@ def test_details_hold_what_was_read(name):
 # ---- Smith's options
 
 
+def test_a_refused_model_leaves_what_was_read():
+    result = run("smith", [system_row("S4")])
+    assert result.status._value[0] == Status.beyond_second_order._value
+    for key, level in READ["smith"].items():
+        np.testing.assert_allclose(chain(result.details[key][0], SYSTEMS["S4"]), level, atol=1e-8)
+
+
 def test_smith_takes_off_a_dead_time_if_asked():
     result = run("smith", [system_row(system) for system in SYSTEMS], dead_time=True)
     np.testing.assert_allclose(result.model.lags[3], [1.41173, 0.36836], rtol=1e-5)
@@ -496,6 +503,21 @@ def test_ends_warn_and_beyond_them_is_a_refusal(name):
         np.testing.assert_allclose(*result.model.lags[2], rtol=1e-12)
 
 
+def test_ends_in_float32():
+    """Warnings as in float64 from a few 1e-4 on; exact plants at the ends without one."""
+    plants = [*ENDS["smith"], (system_row("S1"), "successful"), (system_row("S2"), "successful")]
+    rows, expected = zip(*plants, strict=True)
+    result = run("smith", list(rows), dtype=np.float32)
+    for k, status in enumerate(expected):
+        assert result.status._value[k] == getattr(Status, status)._value, (k, status)
+    missing = [row(lambda t: chain(t, [1.0]), 10.0, dead=dead) for dead in (-0.0024, 0.0)]
+    result = run("viteckova_1", missing, dtype=np.float32, constants="exact")
+    raw = result.details["raw_delay"]
+    np.testing.assert_allclose(raw[:2], [-0.0024, 0], atol=2e-5)
+    assert result.status._value[0] == Status.delay_dropped._value
+    assert result.status._value[1] == Status.successful._value
+
+
 # ---- refusals, neighbours, static mistakes
 
 
@@ -529,6 +551,7 @@ def test_refusals_leave_their_neighbours_alone(name):
         else:
             assert result.status._value[k] == getattr(Status, status)._value, status
             assert np.isnan(result.rmse[k]) and np.isnan(numbers[k, 0])
+            assert all(np.isnan(x[k]) for x in result.details.values()), status
     for a, b in zip(jax.tree.leaves(result), jax.tree.leaves(alone), strict=True):
         assert np.array_equal(a[0], b[0], equal_nan=True)
 
@@ -541,6 +564,47 @@ def test_static_mistakes(name):
     assert METHODS[name].__name__ == name
     named = set(re.findall(r"`(\w+)`", METHODS[name].__doc__)) & set(Status._name_to_item)
     assert named or "status as in" in METHODS[name].__doc__
+
+
+@pytest.mark.parametrize(
+    ("name", "option", "number"),
+    [
+        ("strejc", "span", np.float64(0.1)),
+        ("smith", "tolerance", np.float32(0.25)),
+        ("smith", "underdamped", np.bool_(True)),
+        ("sani_t10_t50_t90", "tolerance", np.float64(1e-3)),
+        ("viteckova", "order", np.int64(3)),
+        ("viteckova", "orders", [np.int64(2), np.int64(3)]),
+    ],
+)
+def test_options_may_be_numbers_of_numpy(name, option, number):
+    record = StepRecord(*system_row("S4", samples=60)[:2])
+    plain = [n.item() for n in number] if isinstance(number, list) else number.item()
+    results = [
+        jax.eval_shape(lambda x=x: METHODS[name](record, **{option: x})) for x in (number, plain)
+    ]
+    assert jax.tree.structure(results[0]) == jax.tree.structure(results[1])
+    assert jax.tree.leaves(results[0]) == jax.tree.leaves(results[1])
+
+
+def test_the_delay_is_traced_in_the_dtype_of_the_record(monkeypatch):
+    t, y, *_ = (np.asarray(x, np.float32) for x in system_row("S3", samples=60))
+    record = StepRecord(t, y, initial=0.0, final=2.0)
+    delays = [np.float64(0.01), 0.02, np.float32(0.03), np.array(0.04), jnp.asarray(0.05), 0]
+    traces, original = [], _two_points._two_points
+
+    def counted(*arguments):
+        traces.append(arguments)
+        return original(*arguments)
+
+    monkeypatch.setattr(_two_points, "_two_points", counted)
+    results = [METHODS["viteckova_1"](record, delay=delay) for delay in delays]
+    assert len(traces) == 1
+    for result in results:
+        assert result.model.T.dtype == result.model.delay.dtype == np.float32
+    np.testing.assert_allclose([r.model.T for r in results], results[0].model.T, rtol=1e-6)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'delays'"):
+        METHODS["viteckova_1"](record, delays=0.1)
 
 
 def test_sizes_of_the_models():

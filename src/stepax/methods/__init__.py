@@ -1,10 +1,16 @@
 """Identification methods by name: each takes a record and options and returns an Identification."""
 
+import functools
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
 
 from .._models import FOPDT, SOPDT, AbstractPlant, EqualLag, Hudzovic, PTn, Sani
+from .._record import StepRecord
 from .._result import Identification
 from ._areas import area_fopdt, moments_fopdt, moments_ptn, moments_sopdt
 from ._charts import harriott, smith
@@ -75,10 +81,25 @@ _GIVES: dict[Callable[..., Identification], type[AbstractPlant]] = {
     sopdt_fit: SOPDT,
 }
 
+
+def _compiled(method: Callable[..., Identification]) -> Callable[..., Identification]:
+    """`method`, compiled: `delay` is traced, in the record's dtype; other numbers are static."""
+    call = eqx.filter_jit(method)
+
+    @functools.wraps(method)
+    def run(record: StepRecord, **options: Any) -> Identification:
+        options = jax.tree.map(lambda x: x.item() if isinstance(x, np.generic) else x, options)
+        if isinstance(options.get("delay"), int | float | np.ndarray | jax.Array):
+            options["delay"] = jnp.asarray(options["delay"], record.t.dtype)
+        return call(record, **options)
+
+    return run
+
+
 METHODS: dict[str, Callable[..., Identification]] = {
-    method.__name__: eqx.filter_jit(method) for method in _GIVES
+    method.__name__: _compiled(method) for method in _GIVES
 }
-"""Every method by its name, compiled; an option that is a Python number is static."""
+"""Every method by its name, compiled; an option that is a Python or NumPy number is static."""
 
 MODELS: dict[str, type[AbstractPlant]] = {
     method.__name__: model for method, model in _GIVES.items()

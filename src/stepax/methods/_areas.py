@@ -23,7 +23,7 @@ from .._responses import MAX_REAL_ORDER
 from .._result import Identification, Status, first_problem
 from .._second_order import lags_of
 from .._types import Scalar
-from ._reading import finish, own_delay, readable, rounding
+from ._reading import end_status, finish, own_delay, readable
 
 
 def integrals(
@@ -115,6 +115,7 @@ def moments_fopdt(
 def moments_sopdt(
     record: StepRecord,
     *,
+    tolerance: float = 0.5,
     span: float | None = None,
     delay: Float[ArrayLike, ""] = 0.0,
 ) -> Identification:
@@ -124,21 +125,26 @@ def moments_sopdt(
     $\gamma$, $T_1 + T_2 = 2 \sigma \cos\theta$, $\cos 3\theta = -\gamma/2$ (the root of
     $s^3 - 3 \sigma^2 s + \gamma\sigma^3 = 0$ that has real lags); $L = \mu_1 - T_1 - T_2$.
 
-    **Range:** skewness from sqrt(2) (equal lags) to 2 (one lag); beyond it that end is taken, with
-    the warning `at_curve_end`. Options and further status as in `area_fopdt`.
+    **Range:** skewness from sqrt(2) (equal lags) to 2 (one lag); beyond it by a relative
+    `tolerance` (0.5: from 0.7071, that of eight equal lags, to 3) that end is taken, with the
+    warning `at_curve_end`; below `beyond_second_order`, above `beyond_first_order`. Further options
+    and status as in `area_fopdt`.
     """
     problem, safe = readable(record, span)
     mean, variance, third, valid = _cumulants(safe, delay)
     sigma = jnp.sqrt(variance)
     skewness = third / sigma**3
     least, most = 2**0.5, 2.0
-    beyond = jnp.maximum(least - skewness, skewness - most)
-    clamped = beyond > rounding(beyond.dtype)
-    status = Status.where(clamped, Status.at_curve_end, Status.successful)
+    status = end_status(
+        (1 - skewness / least, tolerance, Status.beyond_second_order),
+        (skewness / most - 1, tolerance, Status.beyond_first_order),
+    )
     inside = (skewness > least) & (skewness < most)
     angle = jnp.arccos(-0.5 * jnp.where(inside, skewness, 1.7)) / 3
-    total = jnp.where(inside, 2 * jnp.cos(angle), jnp.where(skewness <= least, least, 1.0))
-    contrast = 2 / total**2 - 1  # (T1 - T2)^2 = 2 sigma^2 - (T1 + T2)^2
+    low = skewness <= least
+    total = jnp.where(inside, 2 * jnp.cos(angle), jnp.where(low, least, 1.0))
+    # (T1 - T2)^2 = 2 sigma^2 - (T1 + T2)^2
+    contrast = jnp.where(inside, 2 / total**2 - 1, jnp.where(low, 0.0, 1.0))
     lags = lags_of(contrast, total * sigma)
     raw = mean - total * sigma
     own, dropped = own_delay(raw, mean)

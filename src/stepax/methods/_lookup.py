@@ -2,44 +2,32 @@
 
 from collections.abc import Iterable
 
-import jax.numpy as jnp
 from jaxtyping import ArrayLike, Float
 
-from .._characterise import crossing_times, tangent
 from .._curves import DEFAULT_ORDERS, LEVELS, SpreadChain, lookup
 from .._models import Hudzovic, Sani
-from .._record import StepRecord, usable_record
-from .._result import Identification, Status, first_problem
-from ._reading import finish
+from .._record import StepRecord
+from .._result import Identification, first_problem
+from ._reading import finish, read_times, readable
+from ._tangents import read_tangent
 
 
 def _by_tangent(model: type[SpreadChain], record, span, delay, orders, tolerance):
-    problem, safe = usable_record(record)
-    line = tangent(safe, span)
+    problem, safe = readable(record, span)
+    line, details, missing = read_tangent(safe)
     found, status = lookup(
         model, Tu=line.Tu - delay, Tg=line.Tg, orders=orders, tolerance=tolerance
     )
-    missing = Status.where(jnp.isfinite(line.Tg), Status.successful, Status.no_inflection)
-    details = {"Tu": line.Tu, "Tg": line.Tg, "t_inflection": line.t_inflection}
     return finish(record, safe, found, delay, first_problem(problem, missing, status), details)
 
 
 def _by_levels(model: type[SpreadChain], record, span, delay, orders, tolerance, formula=False):
-    problem, safe = usable_record(record)
-    t10, t50, t90 = crossing_times(safe, jnp.array(LEVELS), span)
+    problem, safe = readable(record, span)
+    (t10, t50, t90), details, read = read_times(safe, LEVELS, delay)
     found, status = lookup(
-        model,
-        t10=t10 - delay,
-        t50=t50 - delay,
-        t90=t90 - delay,
-        orders=orders,
-        formula=formula,
-        tolerance=tolerance,
+        model, t10=t10, t50=t50, t90=t90, orders=orders, formula=formula, tolerance=tolerance
     )
-    crossed = jnp.isfinite(t10 + t50 + t90)
-    missing = Status.where(crossed, Status.successful, Status.levels_not_crossed)
-    details = {"t10": t10, "t50": t50, "t90": t90}
-    return finish(record, safe, found, delay, first_problem(problem, missing, status), details)
+    return finish(record, safe, found, delay, first_problem(problem, read, status), details)
 
 
 def hudzovic_tu_tg(

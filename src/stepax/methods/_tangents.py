@@ -22,7 +22,7 @@ ONE_LAG = 1 - math.exp(-1)
 def read_tangent(safe: StepRecord) -> tuple[Tangent, dict[str, Scalar], Status]:
     """The tangent, or a harmless one where there is none; as read, by name; `no_inflection`."""
     line = tangent(safe)
-    found = jnp.isfinite(line.Tg)
+    found = jnp.isfinite(line.Tg) & (line.Tg > 0)
     status = Status.where(found, Status.successful, Status.no_inflection)
     details = {"Tu": line.Tu, "Tg": line.Tg, "t_inflection": line.t_inflection}
     usable = Tangent(*(jnp.where(found, x, 1) for x in line))

@@ -82,7 +82,7 @@ def alfaro_overdamped(
         below = 0.3533 * t25 - 0.7036 * t50 + 0.3503 * t75
         a = (-0.6240 * t25 + 0.9866 * t50 - 0.3626 * t75) / jnp.where(below == 0, 1, below)
         status = Status.where(a >= 0, Status.successful, Status.beyond_first_order)
-        status = Status.where((a <= 1) & (below != 0), status, Status.beyond_second_order)
+        status = Status.where((a <= 1) & (below > 0), status, Status.beyond_second_order)
         a = jnp.clip(a, 0, 1)
         T = (t75 - t25) / (0.9866 + 0.7036 * a)
         lags, raw = jnp.stack([T, a * T]), t75 - (1.3421 + 1.3455 * a) * T
