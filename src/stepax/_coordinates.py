@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array
 
 from ._curves import chain_of_ratio
@@ -190,37 +189,3 @@ def unit_of_lags(model: Any) -> Array:
 def present_lags(model: Any) -> Array:
     """Which of the lags of a start, largest first, are lags: a lag of 0 is none and stays none."""
     return -jnp.sort(-model.lags) > 0
-
-
-ITERATIONS = 12
-"""Of the simultaneous iteration for all roots; it squares the error each time."""
-
-
-def symmetric_step(lags: Array, step: Array) -> Array:
-    r"""Lags after a step that moves their elementary symmetric functions along a straight line.
-
-    The response depends on those alone, which a record tells far apart in certainty: in terms of
-    lags the valley of nearly equal losses is bent. The new lags are the roots of $\prod_k (z - T_k)
-    - \sum_j s_j \prod_{i \ne j} (z - T_i)$, by Weierstrass' simultaneous iteration from T + s,
-    the step itself; where they are not all real and positive it is that step.
-    """
-    active = (lags > 0) | (step != 0)
-    others = active[None, :] & ~np.eye(lags.size, dtype=bool)
-
-    def improve(_, state):
-        z, _ = state
-        factors = jnp.where(active[None, :], z[:, None] - lags[None, :], 1)
-        rest = [
-            jnp.delete(factors, j, axis=1, assume_unique_indices=True) for j in range(lags.size)
-        ]
-        parts = sum(step[j] * jnp.prod(rest[j], axis=1) for j in range(lags.size))
-        gaps = jnp.prod(jnp.where(others, z[:, None] - z[None, :], 1), axis=1)
-        value = (jnp.prod(factors, axis=1) - parts) / jnp.where(gaps == 0, jnp.nan, gaps)
-        move = jnp.where(active, value, 0)
-        return z - move, move
-
-    start = lags + step
-    z, move = jax.lax.fori_loop(0, ITERATIONS, improve, (start, start))
-    settled = jnp.max(jnp.abs(move)) <= jnp.finfo(z.dtype).eps ** 0.5 * jnp.max(jnp.abs(z))
-    real = settled & jnp.all(jnp.where(active, z > 0, True))
-    return jnp.where(real, z, start)

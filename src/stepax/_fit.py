@@ -1,15 +1,13 @@
 """One least-squares problem: the data, what is known, and the coordinates of the rest."""
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ._contour import accuracy, chain_curvature
-from ._coordinates import Family, family_of, present_lags, symmetric_step, unit_of_lags
+from ._contour import accuracy
+from ._coordinates import Family, family_of, present_lags
 from ._models import FOPDT, AbstractPlant, Hudzovic, PTn, Sani
 from ._record import MIN_SAMPLES, StepRecord
 from ._result import Status, parameter_names, safe_sqrt
@@ -24,10 +22,6 @@ LONGEST_DELAY = 0.95
 
 FEW_SAMPLES = 6
 """Length of a second lag, in sampling intervals, from which on it has one optimum."""
-
-
-MERGED = (1e-4, 1e-3, 1e-2, 0.1)
-"""Relative distances of neighbouring lags at which it is tried whether they are equal."""
 
 
 class Fit(eqx.Module):
@@ -170,7 +164,7 @@ class Fit(eqx.Module):
         lower, upper = self.bounds()
         x = jnp.clip(x.astype(lower.dtype), lower[: x.size], upper[: x.size])
         if self.threshold is not None:
-            g = self.shape(x).step_response(self._elapsed)
+            g = self.shape(x).step_response(self.elapsed)
             offset, amplitude = self._regression(g)
             levels = jnp.stack([offset - self.record.y[0], amplitude]) / self.range
             free = np.array([self.offset is None and self.final is None, self.gain is None])
@@ -248,7 +242,7 @@ class Fit(eqx.Module):
 
     def errors(self, x: Coordinates, g: Samples | None = None) -> Samples:
         """Weighted residuals over the range of the output; g is the response where it is known."""
-        g = self.shape(x).step_response(self._elapsed) if g is None else g
+        g = self.shape(x).step_response(self.elapsed) if g is None else g
         offset, amplitude = self.levels(x, g)
         return safe_sqrt(self.weights) * (self.record.y - offset - amplitude * g) / self.range
 
@@ -267,14 +261,14 @@ class Fit(eqx.Module):
         barrier = jax.lax.optimization_barrier
         own = np.flatnonzero(self.own_free)
         scaling = [k for k, i in enumerate(own) if self.family.time_powers[i]]
-        g = barrier(self.shape(x).step_response(self._elapsed))
+        g = barrier(self.shape(x).step_response(self.elapsed))
         moves = [jnp.zeros_like(g)] * x.size
         for k in range(own.size):
             if k not in scaling:
                 moves[k] = barrier(self._move(k, barrier(x)))
         if scaling or self.free_delay:
             plant = self.shape(barrier(x))
-            since = self._elapsed - plant.delay
+            since = self.elapsed - plant.delay
             slope = barrier(jax.jvp(plant.unit_response, (since,), (jnp.ones_like(since),))[1])
             for k in scaling:
                 moves[k] = -since * slope
@@ -284,78 +278,23 @@ class Fit(eqx.Module):
         unit = jnp.eye(x.size, dtype=x.dtype)
         return residual, [change(unit[k], move) for k, move in enumerate(moves)]
 
-    def curvature(self, x: Array) -> Array:
-        r"""$\sum_i r_i \nabla^2 r_i$ of individual lags, the levels and the dead time held.
-
-        Where two lags meet, the slope in their difference vanishes and this tells the way.
-        """
-        plant: Any = self.shape(x)
-        since = self._elapsed - plant.delay
-        g = plant.unit_response(since)
-        slope = jax.grad(lambda g: jnp.sum(self.residual(x, g) ** 2) / 2)(g)
-        unit = unit_of_lags(self.model).astype(g.dtype)
-        block = chain_curvature(since, plant.lags, slope) * unit**2
-        size = plant.lags.size
-        return jnp.zeros((x.size, x.size), block.dtype).at[:size, :size].set(block)
-
-    def along(self, x: Array, step: Array) -> Array:
-        """The end of a step of individual lags that keeps to the valley of nearly equal losses."""
-        size = self.own_free.size
-        return (x + step).at[:size].set(symmetric_step(x[:size], step[:size]))
-
-    def in_order(self, x: Array) -> Array:
-        """Coordinates with individual lags largest first, and equal where the loss does not mind.
-
-        Of the lags that lie within a tolerance of their neighbours all take their mean; of several
-        tolerances the largest is kept at which the loss does not rise.
-        """
-        if not self.individual:
-            return x
-        size = self.own_free.size
-        x = x.at[:size].set(-jnp.sort(-x[:size]))
-
-        def loss(x):
-            return jnp.sum(self.residual(x) ** 2)
-
-        limit = loss(x) * (1 + jnp.finfo(x.dtype).eps ** 0.5) + least_loss(x.dtype, self.record)
-
-        def merge(best, tolerance):
-            lags = x[:size]
-            starts = jnp.append(True, lags[1:] < (1 - tolerance) * lags[:-1])
-            group = jnp.cumsum(starts) - 1
-            sums = jnp.zeros_like(lags).at[group].add(lags)
-            means = sums / jnp.maximum(jnp.zeros_like(lags).at[group].add(1), 1)
-            merged = x.at[:size].set(means[group])
-            return jnp.where(loss(merged) <= limit, merged, best), None
-
-        return jax.lax.scan(merge, x, jnp.asarray(MERGED, x.dtype))[0]
-
-    def means_of_equal_lags(self, x: Array) -> Array:
-        """Matrix that gives each coordinate the mean of those equal to it: lags alone can be."""
-        if not self.individual:
-            return jnp.eye(x.size, dtype=x.dtype)
-        size = self.own_free.size
-        equal = (x[:size, None] == x[None, :size]) & ~self.absent[:, None] & ~self.absent[None, :]
-        equal = equal | np.eye(size, dtype=bool)
-        mean = equal / jnp.sum(equal, axis=1, keepdims=True)
-        return jnp.eye(x.size, dtype=x.dtype).at[:size, :size].set(mean.astype(x.dtype))
-
     def _move(self, k: int, x: Array) -> Samples:
         """Derivative of the response in one coordinate."""
 
         def response(xk):
-            return self.shape(x.at[k].set(xk)).step_response(self._elapsed)
+            return self.shape(x.at[k].set(xk)).step_response(self.elapsed)
 
         return jax.jvp(response, (x[k],), (jnp.ones_like(x[k]),))[1]
 
     @property
-    def _elapsed(self) -> Samples:
+    def elapsed(self) -> Samples:
+        """Times since the step."""
         return self.record.t - self.record.step_time
 
     def plant(self, x: Coordinates) -> tuple[AbstractPlant, Samples]:
         """The whole model at coordinates, what is known exactly as given; and its response g."""
         shape = self.shape(x, exact=True)
-        g = shape.step_response(self._elapsed)
+        g = shape.step_response(self.elapsed)
         offset, amplitude = self.levels(x, g)
         gain = amplitude / self.record.step_size if self.gain is None else self.gain
         return eqx.tree_at(lambda m: (m.gain, m.offset), shape, (gain, offset)), g

@@ -9,6 +9,7 @@ import optimistix as optx
 from jaxtyping import Array
 
 from ._fit import Fit
+from ._individual_lags import along, curvature, in_order, means_of_equal
 from ._solver import BoundedLevenbergMarquardt, columns, free_parameters, solve_positive
 from ._types import Count, Flag
 
@@ -47,7 +48,7 @@ def optimum(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
         found = _from_two_starts(fit, start, solver, max_steps)
     else:
         found = _solve(fit, start, lower, upper, solver, max_steps)[0]
-    return found._replace(x=fit.in_order(found.x))
+    return found._replace(x=in_order(fit, found.x))
 
 
 def _from_two_starts(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
@@ -91,7 +92,7 @@ def _between_samples(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
 def _solve(fit, start, lower, upper, solver, max_steps) -> tuple[Optimum, Array]:
     options = {"lower": lower, "upper": upper, "linearised": Fit.linearised}
     if fit.individual and start.size > 1:
-        options |= {"curvature": Fit.curvature, "along": Fit.along}
+        options |= {"curvature": curvature, "along": along}
     solution = optx.least_squares(
         lambda x, fit: fit.residual(x),
         solver,
@@ -151,7 +152,7 @@ def _optimum_jvp(primals, tangents):
         residual = fit.residual(x)
         free = free.at[place].set(free[place] & (promised <= 1e-7 * residual @ residual))
     _, change = eqx.filter_jvp(lambda fit: gradient(x, fit), (fit,), (tangents[0],))
-    mean = fit.means_of_equal_lags(x)
+    mean = means_of_equal(fit, x)
     change = mean @ change
     scaled, scale = _scaled(hessian, free, mean)
     if fit.free_delay:
