@@ -232,7 +232,7 @@ def test_rankings(drawn, kind):
 def test_groups(drawn):
     assert [row.method for row in drawn.models("second")] == ["method_7"]
     assert len(drawn.models("first")) == 7 and len(drawn.models("all")) == 8
-    with pytest.raises(ValueError, match="no model of order chosen"):
+    with pytest.raises(ValueError, match="no model of nth order"):
         drawn.plot("nth")
     with pytest.raises(ValueError, match="second"):
         drawn.plot("third")

@@ -234,6 +234,17 @@ def test_huber_is_not_drawn_by_glitches():
     np.testing.assert_allclose(ours, oracle.x, rtol=1e-4)
 
 
+def test_huber_survives_a_start_misled_by_glitches():
+    """Two high rows right after the step, so that squares jump at once."""
+    t = np.arange(-10, 60) * 0.02
+    y = np.array(FOPDT(T=0.06, gain=1.26).step_response(t))
+    y += 0.02 * np.random.default_rng(2).standard_normal(t.size)
+    y[10:13] += 6.0
+    result = COMPILED(StepRecord(t, y), FOPDT(T=0.05), loss="huber")
+    np.testing.assert_allclose(result.model.T, 0.06, rtol=0.15)
+    np.testing.assert_allclose(result.model.gain, 1.26, rtol=0.02)
+
+
 def test_weights_leave_rows_out():
     record = simulated(TRUE["FOPDT"], noise=0.05)
     kept = np.r_[0:60, 70:200]

@@ -43,6 +43,10 @@ class Row(NamedTuple):
         """Whether the method gave a model."""
         return not bool(refused(self.result.status))
 
+    def is_of(self, group: str) -> bool:
+        """Whether the method's models, also where it refused, are of a group."""
+        return group in ("all", _group(self.result.model))
+
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
@@ -63,8 +67,7 @@ class Comparison:
         chose.
         """
         check_group(group)
-        kept = (row for row in self.rows if row.has_model)
-        return tuple(row for row in kept if group in ("all", _group(row.result.model)))
+        return tuple(row for row in self.rows if row.has_model and row.is_of(group))
 
     def to_frame(self) -> "pd.DataFrame":
         """One row per method, as a DataFrame without the results themselves."""

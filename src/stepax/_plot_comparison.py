@@ -63,9 +63,7 @@ def plot_comparison(
         label = f"{row.method} ({number(row.fit_percent)} %)"
         draw_model(response, residuals, row.result.model, record, label=label, **look)
         _draw_marks(response, row, color, mark)
-    name = record.labels.source or "Record"
-    shown = f"{name}: best {len(drawn)} of {len(rows)} models"
-    shown += "" if group == "all" else f" ({_GROUP_NAMES[group]})"
+    shown = _title(record, group, f"best {len(drawn)} of {len(rows)} models")
     response.set_title(plain(shown if title is None else title), loc="left", fontsize=10)
     finish(response, residuals, record)
     low, high = response.get_ylim()
@@ -96,12 +94,18 @@ def plot_ranking(
         _draw_bars(axes, rows, [], comparison.record)
     else:
         _draw_pie(axes, rows)
-    if title is not None:
-        axes.set_title(plain(title), loc="left", fontsize=10)
+    shown = _title(comparison.record, group, f"{len(rows)} models ranked by J")
+    axes.set_title(plain(shown if title is None else title), loc="left", fontsize=10)
     return figure
 
 
-_GROUP_NAMES = {"first": "first order", "second": "two poles", "nth": "order chosen"}
+_GROUP_NAMES = {"first": "first order", "second": "two poles", "nth": "nth order"}
+
+
+def _title(record: StepRecord, group: str, what: str) -> str:
+    """Record, what is shown of it, and the group where it is not all."""
+    text = f"{record.labels.source or 'Record'}: {what}"
+    return text if group == "all" else f"{text} ({_GROUP_NAMES[group]})"
 
 
 def _rows(comparison: Comparison, group: str) -> tuple[Row, ...]:

@@ -148,19 +148,23 @@ def _robust(fit: Fit, solver, max_steps: int) -> tuple[Fit, Optimum, Array]:
     """Huber's loss with the noise level of the fit before; the first is one by squares."""
     dtype = fit.record.y.dtype
     everything = jnp.asarray(1e6, dtype)  # in units of the range: no residual lies beyond it
-    robust = dataclasses.replace(fit, threshold=everything)
+    first = dataclasses.replace(fit, threshold=everything).start()
 
     def stage(carry, _):
+        """The better optimum from the last one and from the first start: squares may mislead."""
         x, noise = carry
         current = dataclasses.replace(fit, threshold=HUBER * noise)
-        found = optimum(current, x, solver, max_steps)
+        starts = jnp.stack([x, first])
+        both = jax.lax.map(lambda x: optimum(current, x, solver, max_steps), starts)
+        loss = jax.lax.map(lambda x: jnp.sum(current.residual(x) ** 2), both.x)
+        better = jnp.argmin(jnp.where(both.converged, loss, jnp.inf))
+        found = jax.tree.map(lambda x: x[better], both)
         counted = jnp.where(fit.weights > 0, jnp.abs(current.errors(found.x)), jnp.nan)
         size = jnp.nanmedian(counted)
         level = jnp.maximum(1.4826 * size, 10 * accuracy(dtype))
         return (found.x, level), (found, noise)
 
-    start = (robust.start(), everything)
-    _, (found, noise) = jax.lax.scan(stage, start, length=3)
+    _, (found, noise) = jax.lax.scan(stage, (first, everything), length=3)
     last = jax.tree.map(lambda x: x[-1], found)
     last = last._replace(steps=jnp.sum(found.steps))
     return dataclasses.replace(fit, threshold=HUBER * noise[-1]), last, noise[-1] * fit.range

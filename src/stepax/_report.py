@@ -200,7 +200,8 @@ def comparison_report(comparison, group: str = "all") -> Group:
         )
         if row.status != "successful":
             notes.append(f"{row.method}: {row.reason}")
-    notes += [f"{row.method}: {row.reason}" for row in comparison.rows if not row.has_model]
+    lost = (row for row in comparison.rows if not row.has_model and row.is_of(group))
+    notes += [f"{row.method}: {row.reason}" for row in lost]
     return Group(table, *(Text(note) for note in notes))
 
 
