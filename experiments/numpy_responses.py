@@ -3,7 +3,7 @@
 import numpy as np
 
 from stepax import Hudzovic
-from stepax._contour import _PAIRS_10
+from stepax.models._contour import _PAIRS_10
 
 
 POLES, WEIGHTS = np.array(_PAIRS_10).T

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy import special
 
-from stepax import METHODS, StepRecord, _contour
+from stepax import METHODS, StepRecord
+from stepax.models import _contour
 
 
 SYSTEMS = {

@@ -17,10 +17,10 @@ from stepax import (
     Sani,
     Status,
     StepRecord,
-    _contour,
     crossing_times,
     tangent,
 )
+from stepax.models import _contour
 
 
 SAMPLES = 2000

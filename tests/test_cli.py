@@ -15,8 +15,9 @@ import pytest
 from stepax import FOPDT, PTn, Status
 from stepax._cli import EXAMPLES, run, set_up_jax
 from stepax._compare import Comparison, Row
-from stepax._curves import Lookup
-from stepax._result import conclude, status_name
+from stepax._result import conclude
+from stepax._status import status_name
+from stepax.curves._lookup import Lookup
 from stepax.methods import METHODS
 
 

@@ -11,10 +11,10 @@ import pytest
 from scipy import integrate
 
 from stepax import FOPDT, SOPDT, EqualLag, PTn, Sani, Status, StepRecord, compare
-from stepax._compare import Comparison, Row, squared_deviation
-from stepax._plot_comparison import level_marks, tangent_ends
-from stepax._record import Labels
+from stepax._compare import Comparison, Row, level_marks, tangent_ends
 from stepax._result import conclude
+from stepax.models._deviation import squared_deviation
+from stepax.records._labels import Labels
 
 
 TIMES = np.linspace(0.0, 80.0, 240)
@@ -165,7 +165,7 @@ def test_transfer_functions_as_text_and_latex(comparison):
     ],
 )
 def test_latex(model, latex):
-    from stepax._notation import transfer_function_latex
+    from stepax.models._notation import transfer_function_latex
 
     assert transfer_function_latex(model) == latex
 

@@ -7,12 +7,11 @@ import mpmath
 import numpy as np
 import oracle
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from mpmath import mp, mpf
 
 import stepax
-from stepax._contour import _pairs, chain_derivatives, chain_response, lag_power_response
+from stepax.models._contour import _pairs, chain_derivatives, chain_response, lag_power_response
 
 
 DTYPES = (np.float64, np.float32)

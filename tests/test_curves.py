@@ -12,7 +12,8 @@ import pytest
 from mpmath import mpf
 from scipy import optimize, special
 
-from stepax import Hudzovic, PTn, Sani, Status, _contour, lookup, lookup_curves
+from stepax import Hudzovic, PTn, Sani, Status, lookup, lookup_curves
+from stepax.models import _contour
 
 
 ORDERS = np.arange(2, 9)

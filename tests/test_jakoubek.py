@@ -5,8 +5,7 @@ import math
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from experiments.jakoubek import __main__ as program
-from experiments.jakoubek import cells, charts, prechar, ranking, tables_1_3
+from experiments.jakoubek import __main__ as program, cells, charts, prechar, ranking, tables_1_3
 from experiments.jakoubek.conclusions import claims
 from experiments.jakoubek.independent import CORRECT
 from experiments.jakoubek.published import METHODS, REPRODUCED, TABLES
@@ -15,7 +14,7 @@ from scipy import special
 from scipy.optimize import brentq
 
 import stepax
-from stepax._compare import squared_deviation
+from stepax.models._deviation import squared_deviation
 
 
 CELLS = [(name, cell.method) for name, table in TABLES.items() for cell in table]

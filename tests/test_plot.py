@@ -6,9 +6,8 @@ import jax.numpy as jnp
 import pytest
 
 from stepax import FOPDT, Status, StepRecord
-from stepax._plot import _wrapped, plot_identification
-from stepax._record import Labels
-from stepax._result import conclude
+from stepax._result import _wrapped, conclude
+from stepax.records._labels import Labels
 
 
 def identification(T=10.0, delay=4.0, status=Status.successful, labels=None, count=60):
@@ -42,21 +41,21 @@ def test_identification(count):
 
 
 def test_no_dead_time_and_a_title():
-    figure = plot_identification(identification(delay=0.0), title="Oven, $run$ 1", size=(6.0, 4.0))
+    figure = identification(delay=0.0).plot(title="Oven, $run$ 1", size=(6.0, 4.0))
     assert names(figure) == ["record", "model", "step"]
     assert figure.axes[0].get_title("left") == r"Oven, \$run\$ 1"
     assert saved(figure)
 
 
 def test_a_refusal_shows_the_record_and_the_reason():
-    figure = plot_identification(identification(status=Status.no_inflection))
+    figure = identification(status=Status.no_inflection).plot()
     assert names(figure) == ["record", "step"]
     assert figure.axes[0].get_title("left") == Status[Status.no_inflection]
     assert saved(figure)
 
 
 def test_columns_without_names():
-    figure = plot_identification(identification(labels=Labels("", "1", "2")))
+    figure = identification(labels=Labels("", "1", "2")).plot()
     assert [figure.axes[0].get_ylabel(), figure.axes[1].get_xlabel()] == ["output", "time"]
 
 

@@ -25,13 +25,13 @@ from points import (
 from scipy import interpolate, optimize, special
 
 from stepax import METHODS, Status, StepRecord, smooth
-from stepax._characterise import value_at
-from stepax._roots import clamped_root
-from stepax._second_order import level_times, unit_response
+from stepax.curves._roots import clamped_root
+from stepax.curves._second_order import level_times, unit_response
 from stepax.methods import MODELS, _two_points
 from stepax.methods._charts import smith_ratio
 from stepax.methods._tables import latzel_table, strejc_table
 from stepax.methods._two_points import TWO_POINTS, exact_constants
+from stepax.records._characterise import value_at
 
 
 SEVEN = [

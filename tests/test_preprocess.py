@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from stepax import Hudzovic, noise_level, preprocess, sliding_average, smooth
-from stepax._preprocess import estimate_levels, quantisation
+from stepax.records._preprocess import estimate_levels, quantisation
 
 
 SAMPLES = 60

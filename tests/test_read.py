@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 import scipy.io
 
-from stepax._read import find_steps, read_record
+from stepax.records._read import find_steps, read_record
 
 
 DATA = Path(__file__).parents[2] / "shared/data"

@@ -9,19 +9,8 @@ import pytest
 from scipy.optimize import least_squares
 
 import stepax
-from stepax import (
-    FOPDT,
-    SOPDT,
-    EqualLag,
-    Hudzovic,
-    PTn,
-    Sani,
-    Status,
-    StepRecord,
-    refine,
-    refused,
-)
-from stepax._fit import Fit
+from stepax import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani, Status, StepRecord, refine, refused
+from stepax.fitting._problem import Fit
 
 
 T = np.linspace(0.0, 60.0, 200)

@@ -11,10 +11,11 @@ import pytest
 from rich.console import Console
 
 from stepax import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani, Status, StepRecord
-from stepax._notation import Units, number, transfer_function_text, unit_of
-from stepax._record import Labels
-from stepax._report import report, to_json, warning_sentences
 from stepax._result import conclude
+from stepax.models._notation import number, transfer_function_text
+from stepax.records._labels import Labels, Units, unit_of
+from stepax.report._content import to_json, warning_sentences
+from stepax.report._terminal import report
 
 
 LABELS = Labels("oven.csv", "time (s)", "T [degC]", "heater (%)")

@@ -42,8 +42,8 @@ from scipy.optimize import curve_fit
 from experiments.cores import on_all_cores, use_all_cores
 from experiments.numpy_responses import chain_lags, chain_response, hudzovic_response
 from stepax import Hudzovic, Sani, StepRecord, refine
-from stepax._fit import Fit
-from stepax._solver import inner_products
+from stepax.fitting._problem import Fit
+from stepax.fitting._solver import inner_products
 from stepax.methods._fits import _chain_start
 
 

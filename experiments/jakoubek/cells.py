@@ -14,9 +14,9 @@ from experiments.jakoubek.independent import CORRECT, Correct
 from experiments.jakoubek.published import METHODS, OTHER_J, TABLES, Cell, half_unit
 from experiments.jakoubek.systems import GAIN, SYSTEMS, System, chain, record_of, response
 from stepax import PTn, Status, StepRecord, identify
-from stepax._compare import squared_deviation
-from stepax._notation import transfer_function
-from stepax._result import refused
+from stepax._status import refused
+from stepax.models._deviation import squared_deviation
+from stepax.models._notation import transfer_function
 
 
 class Reading(NamedTuple):

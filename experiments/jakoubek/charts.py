@@ -13,8 +13,8 @@ from experiments.jakoubek.cells import all_rows
 from experiments.jakoubek.drawing import HELP, LEGEND, MARK, new_figure, quiet
 from experiments.jakoubek.outcome import Outcome
 from experiments.jakoubek.systems import SYSTEMS
-from stepax._roots import clamped_root
-from stepax._second_order import damping, level_times, shape_ends, unit_response
+from stepax.curves._roots import clamped_root
+from stepax.curves._second_order import damping, level_times, shape_ends, unit_response
 from stepax.methods._charts import HARRIOTT, STREJC, smith_ratio
 
 

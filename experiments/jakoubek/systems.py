@@ -8,7 +8,7 @@ import numpy as np
 
 from experiments.jakoubek.prechar import sampling_times
 from stepax import PTn, StepRecord
-from stepax._record import Labels
+from stepax.records._labels import Labels
 
 
 GAIN = 2.0

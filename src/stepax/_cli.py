@@ -17,11 +17,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from ._outputs import Outputs
+from .report._files import Outputs
 
 
 if TYPE_CHECKING:
-    from ._record import StepRecord
+    from .records._record import StepRecord
+
 
 app = typer.Typer(
     add_completion=False,
@@ -111,7 +112,7 @@ def set_up_jax() -> None:
     """
     import jax
 
-    from ._contour import compile_quickly
+    from .models._contour import compile_quickly
 
     compile_quickly()
     jax.config.update("jax_enable_x64", True)
@@ -151,7 +152,7 @@ def _record_file(file: Path | None, example: str | None) -> Iterator[Path]:
 
 def _read(file: Path | None, example: str | None, **columns) -> "StepRecord":
     """The record of a file or an example."""
-    from ._read import read_record
+    from .records._read import read_record
 
     with _record_file(file, example) as path:
         return read_record(path, **columns)
@@ -186,7 +187,8 @@ def _show(*parts: Any, written: list[Path] = []) -> None:  # noqa: B006 (not cha
 
 def _heading(record: "StepRecord", example: str | None) -> str:
     """What was read, in a line or two."""
-    from ._notation import Units, number
+    from .models._notation import number
+    from .records._labels import Units
 
     units = Units.of(record.labels)
     size, time = f"{number(record.step_size)} {units.input}", f"{number(record.step_time)} "
@@ -221,10 +223,10 @@ def identify(
     example: Example = None,
 ) -> None:
     """Identify a transfer function from a recorded step response."""
-    from ._identify import AUTO, chosen_method
-    from ._identify import identify as identify_record
-    from ._report import report, to_json
-    from ._result import Status, refused
+    from ._identify import AUTO, chosen_method, identify as identify_record
+    from ._status import Status, refused
+    from .report._content import to_json
+    from .report._terminal import report
 
     outputs = Outputs(plot, json)
     outputs.check(file)
@@ -255,10 +257,10 @@ def compare(
     example: Example = None,
 ) -> None:
     """Identify by all methods and rank the models."""
-    from ._compare import check_group, check_kind
-    from ._compare import compare as compare_methods
-    from ._report import comparison_report, to_json, warning_sentences
+    from ._compare import check_group, check_kind, compare as compare_methods
     from .methods import METHODS
+    from .report._content import to_json, warning_sentences
+    from .report._terminal import comparison_report
 
     check_group(group)
     check_kind(kind)
@@ -286,8 +288,8 @@ def compare(
 @_command
 def methods() -> None:
     """List the methods."""
-    from ._report import method_table
     from .methods import METHODS, MODELS
+    from .report._terminal import method_table
 
     rows = [("auto", "several", "Least-squares fits of several families; the best by AICc.")]
     for name, function in METHODS.items():
@@ -307,10 +309,10 @@ def lookup(
     """Look a model up from times read by hand: --Tu and --Tg, or --t10, --t50 and --t90."""
     import jax
 
-    from ._curves import lookup as look_up
-    from ._models import Hudzovic, Sani
-    from ._report import lookup_table
-    from ._result import Status, refused
+    from ._status import Status, refused
+    from .curves._lookup import lookup as look_up
+    from .models._plants import Hudzovic, Sani
+    from .report._terminal import lookup_table
 
     times = {"Tu": tu, "Tg": tg, "t10": t10, "t50": t50, "t90": t90}
     times = {name: time for name, time in times.items() if time is not None}

@@ -1,18 +1,21 @@
 """Several methods on one record, ranked; host code."""
 
 import dataclasses
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
 from ._identify import aicc_of, identify, parameter_count, refuse_tracers
-from ._models import FOPDT, SOPDT, AbstractPlant, EqualLag, PTn
-from ._record import StepRecord
-from ._result import Identification, Status, conclude, predict, refused, status_name
+from ._result import Identification, conclude
+from ._status import Status, refused, status_name
 from .methods import METHODS
+from .models._deviation import squared_deviation
+from .models._notation import transfer_function
+from .models._plants import FOPDT, SOPDT, AbstractPlant, EqualLag, PTn
+from .records._record import StepRecord, predict
 
 
 if TYPE_CHECKING:
@@ -77,8 +80,6 @@ class Comparison:
 
     def show_models(self, style: str = "text") -> str:
         """All transfer functions, one line per method, as "text" or "latex"."""
-        from ._notation import transfer_function
-
         width = max(len(row.method) for row in self.rows)
         return "\n".join(
             f"{row.method:{width}}  "
@@ -87,17 +88,30 @@ class Comparison:
         )
 
     def plot(self, group: str = "all", kind: str = "response", **options):
-        """Models of a group as a matplotlib figure; see `plot_comparison` and `plot_ranking`.
+        """Models of a group as a matplotlib figure.
 
         `kind`: "response": record, models, the marks that each method reads, residuals and J;
         "bar": J of every method on a logarithmic axis; "pie": the share of each in the sum of J.
+        **Options:** `title`, instead of the name of the file; `size` in inches; `count`, how many
+        models a response shows, at most 7.
         """
-        from ._plot_comparison import plot_comparison, plot_ranking
+        from .plots._comparison import MOST_DRAWN, Entry, plot_comparison, plot_ranking
 
         check_kind(kind)
+        rows = self.models(group)
+        if not rows:
+            what = "model" if group == "all" else f"model of {_GROUP_NAMES[group]}"
+            raise ValueError(f"The comparison has no {what} to draw.")
+        entries = [
+            Entry(r.method, r.result.model, r.fit_percent, r.J, level_marks(r), tangent_ends(r))
+            for r in rows
+        ]
         if kind == "response":
-            return plot_comparison(self, group=group, **options)
-        return plot_ranking(self, group=group, kind=kind, **options)
+            count = min(options.get("count", MOST_DRAWN), len(rows))
+            title = _title(self.record, group, f"best {count} of {len(rows)} models")
+            return plot_comparison(self.record, entries, **({"title": title} | options))
+        title = _title(self.record, group, f"{len(rows)} models ranked by J")
+        return plot_ranking(self.record, entries, kind=kind, **({"title": title} | options))
 
 
 def compare(
@@ -173,73 +187,45 @@ def _group(model: AbstractPlant) -> str:
 # The integral to infinity
 
 
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(16)
+# What a plot needs
 
 
-def squared_deviation(model: AbstractPlant, plant: AbstractPlant, step_size: float = 1.0) -> float:
-    r"""$\int_0^\infty (y_m - y_p)^2\,dt$ of two step responses; infinite if they settle apart.
-
-    Gauss-Legendre quadrature on panels that grow from the fastest lag to the slowest, from each
-    dead time on; in float64 the relative error is below 1e-9 (absolute 1e-24 K^2 T).
-    """
-    last = [float(x.offset) + step_size * float(x.gain) for x in (model, plant)]
-    size = abs(step_size) * max(abs(float(x.gain)) for x in (model, plant))
-    rounding = max(1e-9, 16 * float(jnp.finfo(jnp.result_type(model.gain, plant.gain)).eps))
-    if abs(last[0] - last[1]) > rounding * max(size, abs(last[1])):
-        return np.inf
-    scales = [_time_scales(x) for x in (model, plant)]
-    begin, middle = sorted(float(x.delay) for x in (model, plant))
-    end = max(scale.horizon for scale in scales)
-    edges = [[0.0], begin + _panels(middle - begin, scales), middle + _panels(end, scales)]
-    edges = np.concatenate(edges)
-    left, width = edges[:-1], np.diff(edges)
-    rows = -(-width.size // 128) * 128  # few shapes: each is compiled once
-    left, width = np.pad(left, (0, rows - width.size)), np.pad(width, (0, rows - width.size))
-    times = left[:, None] + width[:, None] * (NODES + 1) / 2
-    deviation = np.asarray(_deviation(model, plant, times), float)
-    return float(step_size**2 * np.sum(width * (deviation**2 @ WEIGHTS)) / 2)
+_GROUP_NAMES = {"first": "first order", "second": "two poles", "nth": "nth order"}
 
 
-@eqx.filter_jit
-def _deviation(model: AbstractPlant, plant: AbstractPlant, times):
-    """Difference of the transients, whose limits are equal."""
-
-    def transient(x):
-        return x.gain * (x.unit_response(times - x.delay) - 1)
-
-    return transient(model) - transient(plant)
+def _title(record: StepRecord, group: str, what: str) -> str:
+    """Record, what is shown of it, and the group where it is not all."""
+    text = f"{record.labels.source or 'Record'}: {what}"
+    return text if group == "all" else f"{text} ({_GROUP_NAMES[group]})"
 
 
-class _Scales(NamedTuple):
-    """Of a transient: its fastest part, the widest panel for it, and when it is below rounding."""
-
-    fastest: float
-    widest: float
-    horizon: float
+_LEVEL = re.compile(r"t(\d+(?:_\d+)?)$")
 
 
-def _panels(length: float, scales: Sequence[_Scales]) -> np.ndarray:
-    """Edges from 0 to `length`: from half the fastest scale on a quarter wider each.
+def level_marks(row: Row) -> list[tuple[float, float]]:
+    """Points of the response that a method reads: time and output."""
+    model, record, details = row.result.model, row.result.record, row.result.details
+    initial = float(model.offset)
+    change = float(model.gain) * float(record.step_size)
+    points = [
+        (float(value), float(match[1].replace("_", ".")) / 100)
+        for name, value in details.items()
+        if (match := _LEVEL.match(name))
+    ]
+    points += [
+        (float(details[time]), float(details[height]))
+        for time, height in (("t_read", "y_read"), ("t_i", "y_i"))
+        if time in details
+    ]
+    start = float(record.step_time)
+    return [(start + t, initial + level * change) for t, level in points]
 
-    None is wider than the transients that have not died away allow.
-    """
-    edges, width = [0.0], 0.5 * min(scale.fastest for scale in scales)
-    while edges[-1] + width < length:
-        edges.append(edges[-1] + width)
-        alive = [scale.widest for scale in scales if scale.horizon > edges[-1]]
-        width = min([1.25 * width, *alive])
-    return np.array([*edges, length])
 
-
-def _time_scales(model: AbstractPlant) -> _Scales:
-    if isinstance(model, SOPDT) and float(model.zeta) < 1:
-        fast = 1 / float(model.omega_n)
-        return _Scales(fast, fast, 40 * fast / float(model.zeta))
-    if isinstance(model, EqualLag):
-        T, n = float(model.T), float(model.n)
-        return _Scales(T, T, (40 + 10 * n) * T)
-    lags = np.asarray(model.lags, float)  # type: ignore[attr-defined]
-    lags = lags[lags > 0]
-    if not lags.size:
-        return _Scales(np.inf, np.inf, 0.0)
-    return _Scales(lags.min(), lags.max(), 40 * lags.max() + 10 * lags.sum())
+def tangent_ends(row: Row) -> list[tuple[float, float]]:
+    """Where a method's tangent meets the initial and the final level; empty if it has none."""
+    model, record, details = row.result.model, row.result.record, row.result.details
+    if "Tu" not in details or "Tg" not in details:
+        return []
+    initial, start = float(model.offset), float(record.step_time + details["Tu"])
+    final = initial + float(model.gain) * float(record.step_size)
+    return [(start, initial), (start + float(details["Tg"]), final)]

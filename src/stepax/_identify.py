@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from ._certainty import aicc, with_errors
-from ._models import PTn
-from ._record import StepRecord
-from ._result import Identification, parameter_names, refused
+from ._result import Identification
+from ._status import refused
+from .fitting._certainty import aicc, with_errors
 from .methods import METHODS
+from .models._plants import PTn, parameter_names
+from .records._record import StepRecord
 
 
 AUTO = ("fopdt_fit", "sopdt_fit", "hudzovic_fit", "sani_fit")

@@ -1,78 +1,17 @@
 """What every method returns: a status, and an identified model with its quality."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array
 
-from ._models import AbstractPlant
-from ._types import Flag, Samples, Scalar
-
-
-if TYPE_CHECKING:
-    from ._record import StepRecord
-
-
-class Status(eqx.Enumeration):
-    """How an identification ended; each value is one sentence.
-
-    `successful`, then warnings, which keep their values, then refusals (from `nonfinite_data`
-    on), whose parameters are NaN. In a batch there is one status per lane.
-    """
-
-    successful = "The identification succeeded."
-    # warnings
-    at_equal_lags = "The plant has equal lags within the tolerance: r is at that end of its range."
-    at_first_order = "The plant is of first order within the tolerance: r is at that end."
-    at_bound = "A parameter lies on a bound of its range; its standard error is not known."
-    not_settled = "The record ends before the plant has settled: the gain is extrapolated."
-    not_identifiable = "The record does not determine every parameter: see the standard errors."
-    delay_dropped = "The dead time came out negative and was left out."
-    at_curve_end = "A value read lies beyond the method's curve or table: its end was taken."
-    extrapolated = "A value read lies outside the range that the formula was made for."
-    # refusals
-    nonfinite_data = "The record holds NaN or infinite values."
-    time_not_increasing = "The times of the record do not increase strictly."
-    too_few_samples = "The record has fewer than 8 samples from the step on."
-    step_outside_record = "The step lies outside the times of the record."
-    no_step = "The input does not step: its step size is 0."
-    constant_output = "The output does not change after the step."
-    levels_not_crossed = "The response does not cross all levels that the method reads."
-    no_inflection = "The response has no usable tangent at an inflection after the step."
-    beyond_first_order = "The response rises earlier than any model of this family can."
-    beyond_last_order = "The response needs a higher order, or a dead time: try delay= or a fit."
-    beyond_second_order = "Two lags are not enough: a dead time, a higher order or oscillation."
-    invalid_times = "The characteristic times are not positive and increasing."
-    invalid_moments = "The areas or moments of the response are not positive."
-    not_converged = "The least-squares iteration did not converge."
-
-
-def refused(status: Status) -> Bool[Array, "..."]:
-    """Whether a status is a refusal (its parameters are NaN), also traced and in a batch."""
-    return jnp.asarray(status._value >= Status.nonfinite_data._value)
-
-
-def first_problem(*statuses: Status) -> Status:
-    """The first refusal among statuses, else the first warning, else `successful`."""
-    result = Status.successful
-    for status in reversed(statuses):
-        worse = refused(status) | (~refused(result) & (status != Status.successful))
-        result = Status.where(worse, status, result)
-    return result
-
-
-def status_name(status: Status) -> str:
-    """Identifier of one concrete status, as it stands in files: `successful`, `at_bound`, ..."""
-    return list(Status._name_to_item)[int(status._value)]
-
-
-def nan_where(condition: Flag, tree: Any) -> Any:
-    """`tree` with its real leaves NaN where `condition` holds."""
-    return jax.tree.map(
-        lambda x: jnp.where(condition, jnp.nan, x) if eqx.is_inexact_array(x) else x, tree
-    )
+from ._arrays import Samples, Scalar, nan_where, safe_sqrt
+from ._status import Status, refused
+from .models._notation import number, transfer_function, transfer_function_text
+from .models._plants import AbstractPlant, parameter_names
+from .records._labels import unit_of
+from .records._record import StepRecord, predict, scaled
 
 
 class Identification(eqx.Module):
@@ -96,7 +35,7 @@ class Identification(eqx.Module):
     covariance: Array
     free: tuple[str, ...] = eqx.field(static=True)
     details: dict[str, Array]
-    record: "StepRecord"
+    record: StepRecord
 
     def predict(self, t) -> Samples:
         """Modelled output at times `t` of the record's time axis."""
@@ -104,28 +43,21 @@ class Identification(eqx.Module):
 
     def show_model(self, style: str = "text") -> str:
         """The transfer function as "text" or "latex", without the offset."""
-        from ._notation import transfer_function
-
         return transfer_function(self.model, style)
 
     def plot(self, **options):
-        """Record, model and residuals as a matplotlib figure; see `stepax.plot_identification`."""
-        from ._plot import plot_identification
+        """Record, model and residuals as a matplotlib figure.
 
-        return plot_identification(self, **options)
+        **Options:** `title`, instead of the transfer function and the fit; `size` in inches.
+        """
+        from .plots._model import plot_model
 
-
-def predict(model: AbstractPlant, record: "StepRecord", t) -> Samples:
-    """offset + step_size gain g(t - step_time - delay)."""
-    return _scaled(model, record, model.unit_response(t - record.step_time - model.delay))
-
-
-def _scaled(model: AbstractPlant, record: "StepRecord", response: Samples) -> Samples:
-    return model.offset + record.step_size * model.gain * response
+        model = None if bool(refused(self.status)) else self.model
+        return plot_model(self.record, model, **({"title": _title(self)} | options))
 
 
 def conclude(
-    record: "StepRecord",
+    record: StepRecord,
     model: AbstractPlant,
     status: Status,
     *,
@@ -143,7 +75,7 @@ def conclude(
     if response is None:
         prediction = predict(model, record, record.t)
     else:
-        prediction = _scaled(model, record, response)
+        prediction = scaled(model, record, response)
     residual = jnp.where(rows, record.y - prediction, 0)
     count = jnp.sum(rows)
     mean = jnp.sum(jnp.where(rows, record.y, 0)) / count
@@ -164,13 +96,21 @@ def conclude(
     )
 
 
-def parameter_names(model: AbstractPlant) -> list[str]:
-    """Names of a model's real parameters: its own first, then gain, offset and delay."""
-    common = ["gain", "offset", "delay"]
-    own = [name for name in model.__dataclass_fields__ if name not in common]
-    return [name for name in own if eqx.is_inexact_array(getattr(model, name))] + common
+def _title(result: Identification) -> str:
+    """Transfer function and fit; where the method refused, why."""
+    if bool(refused(result.status)):
+        return Status[result.status]
+    unit = unit_of(result.record.labels.output)
+    rmse = f"RMSE {number(result.rmse, 3)} {unit}".rstrip()
+    text = _wrapped(f"G(s) = {transfer_function_text(result.model)}")
+    return f"{text}\n{type(result.model).__name__}, fit {number(result.fit_percent)} %, {rmse}"
 
 
-def safe_sqrt(x: Array) -> Array:
-    """Square root whose derivative at 0 is 0."""
-    return jnp.where(x == 0, 0, jnp.sqrt(jnp.where(x == 0, 1, x)))
+def _wrapped(text: str, width: int = 85) -> str:
+    """A transfer function on as many lines as it needs, broken between factors."""
+    lines = [""]
+    for factor in text.replace(")(", ")\n(").split("\n"):
+        if len(lines[-1]) + len(factor) > width:
+            lines.append("        ")
+        lines[-1] += factor
+    return "\n".join(lines)

@@ -9,9 +9,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._models import FOPDT, SOPDT, AbstractPlant, EqualLag, Hudzovic, PTn, Sani
-from .._record import StepRecord
 from .._result import Identification
+from ..models._plants import FOPDT, SOPDT, AbstractPlant, EqualLag, Hudzovic, PTn, Sani
+from ..records._record import StepRecord
 from ._areas import area_fopdt, moments_fopdt, moments_ptn, moments_sopdt
 from ._charts import harriott, smith
 from ._fits import fopdt_fit, hudzovic_fit, ptn_fit, sani_fit, sopdt_fit

@@ -10,41 +10,19 @@ response still lacks there is missing, and the higher the moment, the more it we
 late in the record weighs as much.
 """
 
-from collections.abc import Sequence
-
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import ArrayLike, Float
 
-from .._characterise import cubic_at, relative_response
-from .._models import FOPDT, EqualLag, PTn
-from .._record import StepRecord
-from .._responses import MAX_REAL_ORDER
-from .._result import Identification, Status, first_problem
-from .._second_order import lags_of
-from .._types import Scalar
+from .._arrays import Scalar
+from .._result import Identification
+from .._status import Status, first_problem
+from ..curves._second_order import lags_of
+from ..models._plants import FOPDT, EqualLag, PTn
+from ..models._responses import MAX_REAL_ORDER
+from ..records._characterise import integrals
+from ..records._record import StepRecord
 from ._reading import end_status, finish, own_delay, readable
-
-
-def integrals(
-    safe: StepRecord, powers: Sequence[int], upper: Scalar | None = None
-) -> Float[Array, " powers"]:
-    """Integrals of t^k (1 - y) over t from the step to `upper`, at most the record's end.
-
-    The cubic through the four nearest samples is integrated exactly: an error of fourth order in
-    the sampling interval, 1e-9 or less for 2000 samples over ten sums of the lags, where the
-    trapezoid rule has 3e-6; of second order across the kink of a dead time.
-    """
-    t, y = safe.t - safe.step_time, relative_response(safe)
-    last = t[-1] if upper is None else jnp.clip(upper, 0, t[-1])
-    cubic = cubic_at(t, y, jnp.arange(t.shape[0] - 1))
-    a, b = jnp.clip(t[:-1], 0, last), jnp.clip(t[1:], 0, last)
-    totals = [jnp.zeros_like(last)] * len(powers)
-    for node, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True):
-        x = a + (b - a) * (0.5 + 0.5 * float(node))
-        part = 0.5 * float(weight) * (b - a) * (1 - cubic(x))
-        totals = [sum_ + jnp.sum(part * x**k) for sum_, k in zip(totals, powers, strict=True)]
-    return jnp.stack(totals)
 
 
 def _cumulants(safe: StepRecord, delay) -> tuple[Scalar, Scalar, Scalar, Status]:

@@ -9,13 +9,14 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._characterise import interpolated, relative_response
-from .._models import SOPDT, PTn
-from .._record import StepRecord
-from .._result import Identification, Status, first_problem
-from .._roots import clamped_root
-from .._second_order import damping, lags_of, level_times, shape_ends, unit_response
-from .._types import Scalar
+from .._arrays import Scalar
+from .._result import Identification
+from .._status import Status, first_problem
+from ..curves._roots import clamped_root
+from ..curves._second_order import damping, lags_of, level_times, shape_ends, unit_response
+from ..models._plants import SOPDT, PTn
+from ..records._characterise import interpolated, relative_response
+from ..records._record import StepRecord
 from ._reading import end_status, finish, is_exact, own_delay, read_times, readable
 from ._two_points import VITECKOVA_LEVELS, lag_and_delay
 

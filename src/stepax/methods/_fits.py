@@ -11,15 +11,15 @@ import numpy as np
 from jaxtyping import Array
 from scipy import special
 
-from .._certainty import with_errors
-from .._characterise import levels
-from .._curves import DEFAULT_ORDERS, chain_with_spread, check_orders
-from .._models import FOPDT, SOPDT, Hudzovic, PTn, Sani
-from .._preprocess import sliding_average
-from .._record import StepRecord, usable_record
-from .._refine import best_order, refine
+from .._arrays import Scalar
 from .._result import Identification
-from .._types import Scalar
+from ..fitting._certainty import with_errors
+from ..fitting._refine import best_order, refine
+from ..models._plants import FOPDT, SOPDT, Hudzovic, PTn, Sani
+from ..models._spread import DEFAULT_ORDERS, chain_with_spread, check_orders
+from ..records._characterise import levels
+from ..records._preprocess import sliding_average
+from ..records._record import StepRecord, usable_record
 
 
 INDIVIDUAL_ORDERS = range(2, 6)

@@ -4,12 +4,14 @@ from collections.abc import Iterable
 
 from jaxtyping import ArrayLike, Float
 
-from .._curves import DEFAULT_ORDERS, LEVELS, SpreadChain, lookup
-from .._models import Hudzovic, Sani
-from .._record import StepRecord
-from .._result import Identification, first_problem
-from ._reading import finish, read_times, readable
-from ._tangents import read_tangent
+from .._result import Identification
+from .._status import first_problem
+from ..curves._lookup import lookup
+from ..curves._times import LEVELS
+from ..models._plants import Hudzovic, Sani
+from ..models._spread import DEFAULT_ORDERS, SpreadChain
+from ..records._record import StepRecord
+from ._reading import finish, read_tangent, read_times, readable
 
 
 def _by_tangent(model: type[SpreadChain], record, span, delay, orders, tolerance):

@@ -5,10 +5,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._characterise import crossing_times, levels, smoothed
-from .._record import StepRecord, usable_record
-from .._result import Identification, Status, conclude, nan_where, refused
-from .._types import Flag, Scalar
+from .._arrays import Flag, Scalar, nan_where
+from .._result import Identification, conclude
+from .._status import Status, refused
+from ..records._characterise import Tangent, crossing_times, levels, smoothed, tangent
+from ..records._record import StepRecord, usable_record
 
 
 CONSTANTS = ("printed", "exact")
@@ -110,3 +111,13 @@ def finish(record, safe, found, delay, status: Status, details) -> Identificatio
         (gain, initial, jnp.asarray(delay, gain.dtype)),
     )
     return conclude(record, model, status, details=details | record.details)
+
+
+def read_tangent(safe: StepRecord) -> tuple[Tangent, dict[str, Scalar], Status]:
+    """The tangent, or a harmless one where there is none; as read, by name; `no_inflection`."""
+    line = tangent(safe)
+    found = jnp.isfinite(line.Tg) & (line.Tg > 0)
+    status = Status.where(found, Status.successful, Status.no_inflection)
+    details = {"Tu": line.Tu, "Tg": line.Tg, "t_inflection": line.t_inflection}
+    usable = Tangent(*(jnp.where(found, x, 1) for x in line))
+    return usable, details, status

@@ -12,15 +12,15 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 from scipy import special
 
-from .._characterise import crossing_times
-from .._curves import equal_lag_ends
-from .._models import EqualLag, PTn
-from .._record import StepRecord
-from .._result import Identification, Status, first_problem, refused
-from .._types import Scalar
+from .._arrays import Scalar
+from .._result import Identification
+from .._status import Status, first_problem, refused
+from ..curves._times import equal_lag_ends
+from ..models._plants import EqualLag, PTn
+from ..records._characterise import crossing_times
+from ..records._record import StepRecord
 from ._charts import STREJC, two_lags
-from ._reading import checked_times, finish, is_exact, read_times, readable
-from ._tangents import read_tangent
+from ._reading import checked_times, finish, is_exact, read_tangent, read_times, readable
 
 
 LATZEL_LEVELS = (0.10, 0.50, 0.90)

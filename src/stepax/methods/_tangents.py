@@ -5,28 +5,18 @@ import math
 import jax.numpy as jnp
 from jaxtyping import ArrayLike, Float
 
-from .._characterise import Tangent, tangent
-from .._models import FOPDT, PTn
-from .._record import StepRecord
-from .._result import Identification, Status, first_problem
-from .._roots import clamped_root
-from .._second_order import lags_of, shape_ends
-from .._types import Scalar
-from ._reading import end_status, finish, own_delay, read_times, readable
+from .._arrays import Scalar
+from .._result import Identification
+from .._status import Status, first_problem
+from ..curves._roots import clamped_root
+from ..curves._second_order import lags_of, shape_ends
+from ..models._plants import FOPDT, PTn
+from ..records._record import StepRecord
+from ._reading import end_status, finish, own_delay, read_tangent, read_times, readable
 
 
 ONE_LAG = 1 - math.exp(-1)
 """Share of its change that a lag T has gone at the time T."""
-
-
-def read_tangent(safe: StepRecord) -> tuple[Tangent, dict[str, Scalar], Status]:
-    """The tangent, or a harmless one where there is none; as read, by name; `no_inflection`."""
-    line = tangent(safe)
-    found = jnp.isfinite(line.Tg) & (line.Tg > 0)
-    status = Status.where(found, Status.successful, Status.no_inflection)
-    details = {"Tu": line.Tu, "Tg": line.Tg, "t_inflection": line.t_inflection}
-    usable = Tangent(*(jnp.where(found, x, 1) for x in line))
-    return usable, details, status
 
 
 def ziegler_nichols_tangent(

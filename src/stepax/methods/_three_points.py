@@ -7,12 +7,13 @@ tells the unit of time, and one of the times the dead time.
 import jax.numpy as jnp
 from jaxtyping import ArrayLike, Float
 
-from .._models import SOPDT, PTn
-from .._record import StepRecord
-from .._result import Identification, Status, first_problem
-from .._roots import clamped_root
-from .._second_order import damping, lags_of, level_times, shape_ends
-from .._types import Scalar
+from .._arrays import Scalar
+from .._result import Identification
+from .._status import Status, first_problem
+from ..curves._roots import clamped_root
+from ..curves._second_order import damping, lags_of, level_times, shape_ends
+from ..models._plants import SOPDT, PTn
+from ..records._record import StepRecord
 from ._reading import end_status, finish, is_exact, own_delay, read_times, readable
 
 

@@ -19,12 +19,13 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 from scipy import special
 
-from .._curves import check_orders
-from .._models import FOPDT, EqualLag
-from .._record import StepRecord
-from .._responses import MAX_ORDER
-from .._result import Identification, first_problem
-from .._types import Scalar
+from .._arrays import Scalar
+from .._result import Identification
+from .._status import first_problem
+from ..models._plants import FOPDT, EqualLag
+from ..models._responses import MAX_ORDER
+from ..models._spread import check_orders
+from ..records._record import StepRecord
 from ._reading import finish, is_exact, own_delay, read_times, readable
 
 

@@ -10,22 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ._fit import final_level_ties, weights_of
-from ._models import Hudzovic, Sani
-from ._preprocess import quantisation
-from ._record import usable_record
-from ._result import (
-    Identification,
-    Status,
-    first_problem,
-    nan_where,
-    parameter_names,
-    predict,
-    refused,
-    safe_sqrt,
-)
+from .._arrays import Samples, Scalar, nan_where, safe_sqrt
+from .._result import Identification
+from .._status import Status, first_problem, refused
+from ..models._plants import Hudzovic, Sani, parameter_names
+from ..records._preprocess import quantisation
+from ..records._record import predict, usable_record
+from ._problem import final_level_ties, weights_of
 from ._solver import columns
-from ._types import Samples, Scalar
 
 
 HUBER = 1.345

@@ -6,12 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ._contour import accuracy
-from ._coordinates import Family, family_of, present_lags
-from ._models import FOPDT, AbstractPlant, Hudzovic, PTn, Sani
-from ._record import MIN_SAMPLES, StepRecord
-from ._result import Status, parameter_names, safe_sqrt
-from ._types import Coordinates, Samples, Scalar
+from .._arrays import Coordinates, Samples, Scalar, safe_sqrt
+from .._status import Status
+from ..models._contour import accuracy
+from ..models._plants import FOPDT, AbstractPlant, Hudzovic, PTn, Sani, parameter_names
+from ..records._record import MIN_SAMPLES, StepRecord
+from ._families import Family, family_of, present_lags
 
 
 SETTLED = 0.95

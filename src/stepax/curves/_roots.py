@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ._types import Scalar
+from .._arrays import Scalar
 
 
 MAX_STEPS = 100

@@ -1,17 +1,7 @@
-r"""Lookup curves of Hudzovic's and Sani's chains, and their exact inverses.
+r"""From characteristic times to a chain: the exact inverses of the lookup curves.
 
-Murray (2016), eqs. 2.11-2.14: Tu/Tg, 1/Tg, lam = (t90 - t10)/t50 and 1/t50 of the response at
-T = 1, as functions of the order n and of r. Nothing is tabulated: every value is computed, and an
-inverse is a root, found to rounding error and differentiable.
-
-Both families become even functions of a spread at equal lags: reversing a chain of lags does not
-change it. With s the ratio of the extreme rates (Sani: r of neighbours; Hudzovic: T_1/T_n =
-1 - (n-1) r) the coordinate
-
-$$ c = 4s/(1+s)^2, \qquad s = c/(1 + \sqrt{1-c})^2 $$
-
-runs from 0 (first order) to 1 (equal lags), and every curve has a finite slope not 0 in c = 1,
-where the slope in r vanishes.
+Nothing is tabulated: an inverse is a root in the spread coordinate c of `models/_spread.py`, found
+to rounding error and differentiable.
 """
 
 import functools
@@ -23,32 +13,28 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
-from scipy import special
+from jaxtyping import Array, ArrayLike
 
-from ._contour import chain_derivatives
-from ._models import Hudzovic, Sani, as_real, one_minus_multiple
-from ._responses import MAX_ORDER
-from ._result import Status, nan_where, refused
-from ._roots import increasing_root
-from ._types import Count, Scalar
-
-
-DEFAULT_ORDERS = range(2, MAX_ORDER + 1)
-SpreadChain = Hudzovic | Sani
-"""Families with lookup curves: chains of order n with one shape parameter r."""
-
-FIRST_ORDER_LAM = math.log(9) / math.log(2)
-"""(t90 - t10)/t50 of one lag."""
-
-
-class Curves(NamedTuple):
-    """The four curves at one (n, r): `tu_tg` Tu/Tg, `inv_tg` T/Tg, `lam`, `inv_t50` T/t50."""
-
-    tu_tg: Array
-    inv_tg: Array
-    lam: Array
-    inv_t50: Array
+from .._arrays import Scalar, as_real, nan_where
+from .._status import Status, refused
+from ..models._plants import Hudzovic, Sani
+from ..models._spread import (
+    DEFAULT_ORDERS,
+    SpreadChain,
+    chain_with_spread,
+    check_orders,
+    check_spread_chain,
+)
+from ._times import (
+    FIRST_ORDER_LAM,
+    LEVELS,
+    equal_lag_ends,
+    inflection_bracket,
+    inflection_equation,
+    response_and_slope,
+    tangent_line,
+    three_times,
+)
 
 
 class Lookup(NamedTuple):
@@ -56,147 +42,6 @@ class Lookup(NamedTuple):
 
     model: SpreadChain
     status: Status
-
-
-# --- characteristic times of a plant at T = 1 --------------------------------------------------
-
-
-LEVELS = (0.1, 0.5, 0.9)
-
-
-def _response_and_slope(plant: SpreadChain, t: Array) -> tuple[Array, Array]:
-    """g and t dg/dt."""
-    if isinstance(plant, Hudzovic):
-        return jax.jvp(plant.unit_response, (t,), (t,))
-    g, slope = chain_derivatives(t, plant.lags, 1)
-    return g, slope
-
-
-def _level_times(plant: SpreadChain) -> Array:
-    """t10, t50, t90: roots of ln(g/(1-g)), which is nearly straight in ln t."""
-    total = jnp.sum(plant.lags)
-    levels = np.array(LEVELS)
-    target = jnp.asarray(np.log(levels / (1 - levels)), total.dtype)
-    eps = jnp.finfo(total.dtype).eps
-
-    def logit(log_t):
-        g, slope = _response_and_slope(plant, jnp.exp(log_t))
-        g = jnp.clip(g, eps, 1 - eps)
-        return jnp.log(g / (1 - g)) - target, slope / (g * (1 - g))
-
-    start = jnp.full_like(target, jnp.log(total))
-    return jnp.exp(increasing_root(logit, start - 12, start + 4, start))
-
-
-def _tangent(plant: SpreadChain) -> tuple[Array, Array]:
-    """Tu/Tg and 1/Tg of the tangent at the inflection."""
-    if isinstance(plant, Hudzovic):
-        t, slope = _hudzovic_inflection(plant)
-    else:
-        t, slope = _sani_inflection(plant)
-    return t * slope - plant.unit_response(t), slope
-
-
-def _hudzovic_inflection(plant: Hudzovic) -> tuple[Array, Array]:
-    r"""$t_i = \ln(1/s) T/r$, where $E = n - 1$; slope $\prod 1/T_k\, e^{-m t_i} E^{n-1}/(n-1)!$."""
-    n = plant.n
-    s = one_minus_multiple(n - 1, plant.r)
-    x = 1 - s
-    small = x < 0.01
-    near = jnp.where(small, x, 0)
-    series = jnp.ones_like(x)
-    for k in range(9, 1, -1):  # -log(1 - x)/x = 1 + x/2 + x^2/3 + ..., 0.01^9 = 1e-18
-        series = 1 + near * (k - 1) / k * series
-    t = (n - 1) * jnp.where(small, series, -jnp.log(s) / jnp.where(small, 1, x))
-    log_slope = -s * t
-    for k in range(1, n if isinstance(n, int) else MAX_ORDER):
-        factor = one_minus_multiple(k, plant.r) * (n - 1) / k
-        log_slope = log_slope + jnp.log(jnp.where(k < n, factor, 1))
-    return t * plant.T, jnp.exp(log_slope) / plant.T
-
-
-def _sani_inflection(plant: SpreadChain) -> tuple[Array, Array]:
-    """Largest slope: the response's density is log-concave, so h'/h falls through 0 once."""
-    lower, upper = _inflection_bracket(plant)
-    lags = plant.lags
-
-    t = jnp.exp(
-        increasing_root(
-            lambda x: _inflection_equation(lags, x), lower, upper, 0.5 * (lower + upper)
-        )
-    )
-    return t, chain_derivatives(t, lags, 1)[1] / t
-
-
-def _inflection_equation(lags: Array, log_t: Array) -> tuple[Array, Array]:
-    """-d ln h / d ln t, which rises through 0 at the inflection, and its slope."""
-    _, first, second, third = chain_derivatives(jnp.exp(log_t), lags, 3)
-    ratio = second / first
-    return -ratio, ratio * ratio - ratio - third / first
-
-
-def _inflection_bracket(plant: SpreadChain) -> tuple[Array, Array]:
-    """Bounds of ln t: the mode of the first two lags (each further one delays it), the mean."""
-    r = jnp.clip(plant.r, 1e-30, 1)
-    apart = jnp.where(r < 0.999, r, 0.5)
-    lower = jnp.where(r < 0.999, jnp.log(-apart * jnp.log(apart) / (1 - apart)), -1e-3)
-    return lower - 1e-3 + jnp.log(plant.T), jnp.log(jnp.sum(plant.lags))
-
-
-def _plant_curves(plant: SpreadChain) -> Curves:
-    tu_tg, inv_tg = _tangent(plant)
-    t10, t50, t90 = _level_times(plant)
-    return Curves(tu_tg, inv_tg, (t90 - t10) / t50, 1 / t50)
-
-
-def lookup_curves(model: type[SpreadChain], n: ArrayLike, r: Float[ArrayLike, "..."]) -> Curves:
-    """Murray's lookup curves at T = 1 (eqs. 2.11-2.14).
-
-    **Arguments:**
-
-    - `model`: the class `Hudzovic` or `Sani`.
-    - `n`: order, 2 to 8. `r`: shape parameter of that class. Scalars or arrays that broadcast.
-
-    **Returns:** `Curves` with `.tu_tg`, `.inv_tg`, `.lam`, `.inv_t50`; NaN for an n or r out of
-    range. Relative accuracy about 1e-12 in float64 (Sani's Tu/Tg loses digits like 1e-13/(Tu/Tg)).
-    """
-    _check_family(model)
-    return _lookup_curves(model, jnp.asarray(n), as_real(r))
-
-
-@eqx.filter_jit
-def _lookup_curves(model, n: Array, r: Array) -> Curves:
-    def one(n, r):
-        last = r <= 1 if model is Sani else one_minus_multiple(n - 1, r) > 0
-        valid = (n >= 2) & (n <= MAX_ORDER) & (r >= 0) & last
-        r = jnp.where(valid, r, 0)
-        n = jnp.where(valid, n, 2)
-        return nan_where(~valid, _plant_curves(model(T=jnp.ones_like(r), r=r, n=n)))
-
-    return Curves(*jnp.vectorize(one, signature="(),()->(),(),(),()")(n, r))
-
-
-# --- inverses --------------------------------------------------------------------------------
-
-
-def chain_with_spread(model: type[SpreadChain], log_c: Scalar, n: int | Count) -> SpreadChain:
-    """Chain whose lags sum to 1 at a spread coordinate c <= 1; its times are smooth in c too."""
-    return chain_of_ratio(model, jnp.exp(log_c) / (1 + jnp.sqrt(-jnp.expm1(log_c))) ** 2, n)
-
-
-def chain_of_ratio(model: type[SpreadChain], s: Scalar, n: int | Count) -> SpreadChain:
-    """Chain whose lags sum to 1 at a ratio 0 < s <= 1 of its slowest to its fastest rate."""
-    r = s if model is Sani else (1 - s) / jnp.maximum(n - 1, 1)
-    return model(T=1 / jnp.sum(model(T=jnp.ones_like(s), r=r, n=n).lags), r=r, n=n)
-
-
-@functools.cache
-def equal_lag_ends(orders: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Largest Tu/Tg and smallest lam of each order: those of equal lags, in closed form."""
-    n = np.array(orders, float)
-    t10, t50, t90 = (special.gammaincinv(n, p) for p in (0.1, 0.5, 0.9))
-    slope = np.exp((n - 1) * np.log(n - 1) - (n - 1) - special.gammaln(n))
-    return (n - 1) * slope - special.gammainc(n, n - 1), (t90 - t10) / t50
 
 
 class _Ends(NamedTuple):
@@ -307,7 +152,7 @@ def _newton_levels(model, n, log_c, log_t):
     def response(log_c):
         return chain_with_spread(model, log_c, n).unit_response(jnp.exp(log_t))
 
-    _, slope_t = _response_and_slope(chain_with_spread(model, log_c, n), jnp.exp(log_t))
+    _, slope_t = response_and_slope(chain_with_spread(model, log_c, n), jnp.exp(log_t))
     g, slope_c = jax.jvp(response, (log_c,), (jnp.ones_like(log_c),))
     eps = jnp.finfo(g.dtype).eps
     g = jnp.clip(g, eps, 1 - eps)
@@ -326,7 +171,7 @@ def _newton_tangent(model, n, log_c, log_t):
 
     def at(log_c, t):
         plant = chain_with_spread(model, log_c, n)
-        g, slope = _response_and_slope(plant, t)
+        g, slope = response_and_slope(plant, t)
         return slope - g
 
     if model is Hudzovic:
@@ -334,21 +179,21 @@ def _newton_tangent(model, n, log_c, log_t):
         value, slope = jax.jvp(ratio, (log_c,), (jnp.ones_like(log_c),))
         return value, slope, log_t, jnp.zeros_like(log_t)
     plant = chain_with_spread(model, log_c, n)
-    lower, upper = _inflection_bracket(plant)
+    lower, upper = inflection_bracket(plant)
     x = jnp.clip(log_t[0], lower, upper)
-    value, slope = _inflection_equation(plant.lags, x)
+    value, slope = inflection_equation(plant.lags, x)
     x = jnp.clip(x - value / jnp.where(slope > 0, slope, 1), lower, upper)
     value, slope = jax.jvp(lambda c: at(c, jnp.exp(x)), (log_c,), (jnp.ones_like(log_c),))
     return value, slope, jnp.full_like(log_t, x), jnp.zeros_like(log_t)
 
 
 def _lam(plant: SpreadChain) -> Array:
-    t10, t50, t90 = _level_times(plant)
+    t10, t50, t90 = three_times(plant)
     return (t90 - t10) / t50
 
 
 def _tu_tg(plant: SpreadChain) -> Array:
-    return _tangent(plant)[0]
+    return tangent_line(plant)[0]
 
 
 def _formula_t50(plant: SpreadChain) -> Array:
@@ -435,7 +280,7 @@ def lookup(
     (Tu/Tg = 0, lam = ln 9/ln 2) Sani gives r = 0 with a warning and Hudzovic refuses; beyond it,
     and beyond the last order's equal lags, both refuse, with NaN parameters.
     """
-    _check_family(model)
+    check_spread_chain(model)
     orders = check_orders(orders)
     by_tangent, by_levels = (Tu, Tg), (t10, t50, t90)
     given = [[x is not None for x in times] for times in (by_tangent, by_levels)]
@@ -465,7 +310,7 @@ def _lookup(model, times: list[Array], orders: tuple[int, ...], formula: bool, t
         value = Tu / jnp.where(valid, Tg, 1)
         return _solve(
             model, orders, tolerance, _TU_TG, _Ends(tangent_ends, 0.0), value,
-            lambda plant: 1 / _tangent(plant)[1], Tg, valid,
+            lambda plant: 1 / tangent_line(plant)[1], Tg, valid,
         )  # fmt: skip
     a, b, c = times
     valid = finite & (a > 0) & (b > a) & (c > b)
@@ -477,20 +322,5 @@ def _lookup(model, times: list[Array], orders: tuple[int, ...], formula: bool, t
         )  # fmt: skip
     return _solve(
         model, orders, tolerance, _LAM, _Ends(level_ends, FIRST_ORDER_LAM), value,
-        lambda plant: _level_times(plant)[1], b, valid,
+        lambda plant: three_times(plant)[1], b, valid,
     )  # fmt: skip
-
-
-def check_orders(orders: Iterable[int], least: int = 2) -> tuple[int, ...]:
-    """`orders` ascending, or a `ValueError` that says what they may be."""
-    orders = tuple(sorted(set(orders)))
-    if not orders or not all(
-        isinstance(n, int | np.integer) and least <= n <= MAX_ORDER for n in orders
-    ):
-        raise ValueError(f"orders must be whole numbers from {least} to {MAX_ORDER}, got {orders}.")
-    return orders
-
-
-def _check_family(model) -> None:
-    if model is not Hudzovic and model is not Sani:
-        raise TypeError(f"lookup curves exist for the classes Hudzovic and Sani, got {model!r}.")

@@ -9,6 +9,7 @@ ratio of the extreme rates; for two lags of damping $\zeta$, $1 - e = 1/\zeta^2$
 where any of them can meet, are their own coordinates: the response is a symmetric function of them.
 """
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -17,10 +18,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from ._curves import chain_of_ratio
-from ._models import FOPDT, SOPDT, AbstractPlant, EqualLag, Hudzovic, PTn, Sani
-from ._responses import MAX_REAL_ORDER
-from ._types import Coordinates
+from .._arrays import Coordinates
+from ..models._plants import FOPDT, SOPDT, AbstractPlant, EqualLag, Hudzovic, PTn, Sani
+from ..models._responses import MAX_REAL_ORDER
+from ..models._spread import chain_of_ratio
 
 
 LOG_TIME = (math.log(1e-6), math.log(1e3))
@@ -189,3 +190,11 @@ def unit_of_lags(model: Any) -> Array:
 def present_lags(model: Any) -> Array:
     """Which of the lags of a start, largest first, are lags: a lag of 0 is none and stays none."""
     return -jnp.sort(-model.lags) > 0
+
+
+def with_order(model, n: Array):
+    """A chain of another order with the same sum of lags and ratio of extreme rates."""
+    if isinstance(model, EqualLag):
+        return dataclasses.replace(model, T=model.T * model.n / n, n=n)
+    family, other = family_of(model), dataclasses.replace(model, n=n)
+    return dataclasses.replace(other, **family.decode(family.encode(model), other, False))

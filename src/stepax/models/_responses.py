@@ -14,8 +14,8 @@ from jax.custom_derivatives import SymbolicZero
 from jax.scipy.special import gammaln
 from jaxtyping import Array, Float, Int
 
+from .._arrays import Scalar
 from ._contour import lag_power_response
-from ._types import Scalar
 
 
 MAX_ORDER = 8

@@ -7,8 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ._models import as_real
-from ._types import Samples, Scalar
+from .._arrays import Samples, Scalar, as_real
 
 
 def smooth(

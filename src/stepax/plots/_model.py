@@ -1,4 +1,4 @@
-"""Picture of an identification, as a matplotlib figure; host code.
+"""Picture of a record and its model, as a matplotlib figure; host code.
 
 Figures are built without pyplot: no window, no global state, no display needed. Every line differs
 from the others in lightness or style, so that a print in grey can be read.
@@ -12,9 +12,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ._notation import number, transfer_function_text, unit_of
-from ._record import Labels, StepRecord
-from ._result import Identification, Status, predict, refused
+from ..models._notation import number
+from ..models._plants import AbstractPlant
+from ..records._labels import Labels, unit_of
+from ..records._record import StepRecord, predict
 
 
 RECORD, MODEL, EDGE, SHADE = "0.55", "#0b2a4a", "0.35", "0.90"
@@ -35,27 +36,24 @@ class Picture(Figure):
         return buffer.getvalue()
 
 
-def plot_identification(
-    result: Identification,
+def plot_model(
+    record: StepRecord,
+    model: AbstractPlant | None,
     *,
-    title: str | None = None,
+    title: str,
     size: tuple[float, float] = (8.0, 5.0),
 ) -> Figure:
-    """Record and model above, residuals below, on one axis of time.
+    """Record and model above, residuals below, on one axis of time; `size` in inches.
 
-    **Arguments:**
-
-    - `title`: instead of the transfer function and the fit.
-    - `size`: of the figure, in inches.
+    Without a model, the record alone.
     """
-    record = result.record
     figure = Picture(figsize=size, dpi=150, layout="constrained")
     response, residuals = response_panels(figure, record.labels)
     draw_record(response, record)
-    if not bool(refused(result.status)):
-        draw_model(response, residuals, result.model, record, color=MODEL, label="model")
-        _shade_delay(response, residuals, record, float(np.asarray(result.model.delay)))
-    response.set_title(plain(_title(result) if title is None else title), loc="left", fontsize=10)
+    if model is not None:
+        draw_model(response, residuals, model, record, color=MODEL, label="model")
+        _shade_delay(response, residuals, record, float(np.asarray(model.delay)))
+    response.set_title(literal(title), loc="left", fontsize=10)
     finish(response, residuals, record)
     figure.legend(loc="outside lower center", ncols=4, frameon=False)
     return figure
@@ -66,7 +64,7 @@ def response_panels(figure, labels: Labels) -> tuple[Axes, Axes]:
     response, residuals = figure.subplots(2, 1, sharex=True, height_ratios=[2.8, 1])
     response.set_ylabel(_label(labels.output, "output"))
     unit = unit_of(labels.output)
-    residuals.set_ylabel(plain(f"residual\n({unit})" if unit else "residual"))
+    residuals.set_ylabel(literal(f"residual\n({unit})" if unit else "residual"))
     residuals.set_xlabel(_label(labels.time, "time"))
     figure.align_ylabels([response, residuals])
     for axes in (response, residuals):
@@ -97,7 +95,7 @@ def draw_model(
     modelled = np.asarray(eqx.filter_jit(predict)(model, record.plain, times))
     at_rows, on_grid = modelled[: record.t.size], modelled[record.t.size :]
     look = {"linewidth": 1.5, "zorder": 3} | look
-    response.plot(grid, on_grid, label=plain(label), **look)
+    response.plot(grid, on_grid, label=literal(label), **look)
     if label == "model":
         look = {**_record_look(record), "color": RECORD}
     else:
@@ -109,7 +107,7 @@ def _shade_delay(response: Axes, residuals: Axes, record: StepRecord, delay: flo
     if delay <= 0:
         return
     unit = unit_of(record.labels.time)
-    label = plain(f"dead time {number(delay, 3)} {unit}".rstrip())
+    label = literal(f"dead time {number(delay, 3)} {unit}".rstrip())
     step_time = float(record.step_time)
     for axes, name in ((response, label), (residuals, None)):
         axes.axvspan(step_time, step_time + delay, color=SHADE, linewidth=0, zorder=0, label=name)
@@ -128,31 +126,11 @@ def finish(response: Axes, residuals: Axes, record: StepRecord) -> None:
     residuals.margins(x=0.01)
 
 
-def _title(result: Identification) -> str:
-    """Transfer function and fit; where the method refused, why."""
-    if bool(refused(result.status)):
-        return Status[result.status]
-    unit = unit_of(result.record.labels.output)
-    rmse = f"RMSE {number(result.rmse, 3)} {unit}".rstrip()
-    text = _wrapped(f"G(s) = {transfer_function_text(result.model)}")
-    return f"{text}\n{type(result.model).__name__}, fit {number(result.fit_percent)} %, {rmse}"
-
-
-def _wrapped(text: str, width: int = 85) -> str:
-    """A transfer function on as many lines as it needs, broken between factors."""
-    lines = [""]
-    for factor in text.replace(")(", ")\n(").split("\n"):
-        if len(lines[-1]) + len(factor) > width:
-            lines.append("        ")
-        lines[-1] += factor
-    return "\n".join(lines)
-
-
 def _label(name: str, role: str) -> str:
     """A column's name, or its role where it has only a number."""
-    return plain(role if name.isdecimal() or not name else name)
+    return literal(role if name.isdecimal() or not name else name)
 
 
-def plain(text: str) -> str:
+def literal(text: str) -> str:
     """Text that matplotlib does not read as mathematics."""
     return text.replace("$", r"\$")

@@ -1,6 +1,6 @@
 """A recorded step response."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -8,21 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ._result import Status, refused
-from ._types import Flag, Samples, Scalar
+from .._arrays import Flag, Samples, Scalar
+from .._status import Status, refused
+from ..models._plants import AbstractPlant
+from ._labels import Labels
 
 
 MIN_SAMPLES = 8
 """Fewest rows, from the step on, that a record may have."""
-
-
-class Labels(NamedTuple):
-    """Names of what was recorded, as they stand in the file, units included."""
-
-    source: str = ""
-    time: str = "time"
-    output: str = "output"
-    input: str = "input"
 
 
 def _as_samples(values: Any, name: str) -> Array:
@@ -168,3 +161,13 @@ def usable_record(record: StepRecord) -> tuple[Status, StepRecord]:
         return status, stand_in
     pick = lambda a, b: jnp.where(bad, a, b)  # noqa: E731
     return status, jax.tree.map(pick, stand_in, record.plain)
+
+
+def predict(model: AbstractPlant, record: StepRecord, t) -> Samples:
+    """offset + step_size gain g(t - step_time - delay)."""
+    return scaled(model, record, model.unit_response(t - record.step_time - model.delay))
+
+
+def scaled(model: AbstractPlant, record: StepRecord, response: Samples) -> Samples:
+    """Output of a model whose response for gain 1 and offset 0 is known."""
+    return model.offset + record.step_size * model.gain * response

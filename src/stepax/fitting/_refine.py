@@ -9,17 +9,18 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array
 
+from .._arrays import Samples
+from .._result import Identification, conclude
+from .._status import Status, first_problem, refused
+from ..models._contour import accuracy
+from ..models._plants import AbstractPlant, EqualLag, Hudzovic, Sani, parameter_names
+from ..models._spread import DEFAULT_ORDERS, check_orders
+from ..records._record import StepRecord, usable_record
 from ._certainty import HUBER, aicc, with_errors
-from ._contour import accuracy
-from ._coordinates import family_of
-from ._curves import DEFAULT_ORDERS, check_orders
-from ._fit import Fit, least_loss, weights_of
-from ._models import AbstractPlant, EqualLag, Hudzovic, Sani
+from ._families import with_order
 from ._optimum import Optimum, optimum
-from ._record import StepRecord, usable_record
-from ._result import Identification, Status, conclude, first_problem, parameter_names, refused
+from ._problem import Fit, least_loss, weights_of
 from ._solver import BoundedLevenbergMarquardt
-from ._types import Samples
 
 
 SAME_AICC = 2.0
@@ -101,14 +102,6 @@ def best_order(
     details = {name: result.details[name] + more for name, more in (("aicc", 2), ("parameters", 1))}
     details = result.details | details
     return dataclasses.replace(result, record=record, details=details)
-
-
-def with_order(model, n: Array):
-    """A chain of another order with the same sum of lags and ratio of extreme rates."""
-    if isinstance(model, EqualLag):
-        return dataclasses.replace(model, T=model.T * model.n / n, n=n)
-    family, other = family_of(model), dataclasses.replace(model, n=n)
-    return dataclasses.replace(other, **family.decode(family.encode(model), other, False))
 
 
 def _refine(record, model, fixed, weights, loss, solver, max_steps) -> Identification:

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array
 
-from ._fit import Fit
+from .._arrays import Count, Flag
 from ._individual_lags import along, curvature, in_order, means_of_equal
+from ._problem import Fit
 from ._solver import BoundedLevenbergMarquardt, columns, free_parameters, solve_positive
-from ._types import Count, Flag
 
 
 CELLS = 5

@@ -15,6 +15,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Complex, Float, Int, Shaped
 
+from .._arrays import Lags, Samples, Scalar, as_real
 from ._contour import chain_response
 from ._export import control_transfer_function, scipy_transfer_function
 from ._responses import (
@@ -24,21 +25,6 @@ from ._responses import (
     first_order_response,
     second_order_response,
 )
-from ._types import Lags, Samples, Scalar
-
-
-def as_real(value: Any) -> Array:
-    """Real array of `value`; a Python number stays weakly typed and follows the data's dtype."""
-    if value is None:  # so that a model can hold `in_axes`
-        return value  # pyright: ignore[reportReturnType]
-    if isinstance(value, int | np.integer) and not isinstance(value, bool):
-        value = float(value)
-    value = jnp.asarray(value)
-    if jnp.issubdtype(value.dtype, jnp.integer):
-        value = value.astype(float)
-    if not jnp.issubdtype(value.dtype, jnp.floating):
-        raise TypeError(f"a model parameter must be a real number, got dtype {value.dtype}.")
-    return value
 
 
 def _as_order(n: Any) -> Any:
@@ -368,3 +354,10 @@ def one_minus_multiple(k: int | np.ndarray | Array, r: Scalar) -> Array:
     for bit in reversed(range(bits)):
         value = value - (k >> bit & 1) * (1 << bit) * r
     return value
+
+
+def parameter_names(model: AbstractPlant) -> list[str]:
+    """Names of a model's real parameters: its own first, then gain, offset and delay."""
+    common = ["gain", "offset", "delay"]
+    own = [name for name in model.__dataclass_fields__ if name not in common]
+    return [name for name in own if eqx.is_inexact_array(getattr(model, name))] + common

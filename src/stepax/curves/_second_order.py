@@ -18,10 +18,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ._responses import second_order_response
-from ._result import safe_sqrt
+from .._arrays import Scalar, safe_sqrt
+from ..models._responses import second_order_response
 from ._roots import increasing_root
-from ._types import Scalar
 
 
 def shape_ends(dtype) -> tuple[Array, Array, Array]:

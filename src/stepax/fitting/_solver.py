@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, PyTree
 
-from ._types import Flag, Scalar
+from .._arrays import Flag, Scalar
 
 
 REFUSED = 0.1

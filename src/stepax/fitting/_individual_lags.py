@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ._contour import chain_curvature
-from ._coordinates import unit_of_lags
-from ._fit import Fit, least_loss
+from ..models._contour import chain_curvature
+from ._families import unit_of_lags
+from ._problem import Fit, least_loss
 
 
 MERGED = (1e-4, 1e-3, 1e-2, 0.1)

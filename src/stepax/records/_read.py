@@ -13,7 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from ._record import MIN_SAMPLES, Labels, StepRecord
+from ._labels import Labels
+from ._record import MIN_SAMPLES, StepRecord
 from ._table import TIME_NAME, Table, file_table, finite_numbers, frame_table, increasing_times
 
 

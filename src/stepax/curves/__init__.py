@@ -1,0 +1,1 @@
+"""Characteristic times of plants, and their inverses."""

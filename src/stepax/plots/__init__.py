@@ -1,0 +1,1 @@
+"""Pictures of a record and of models."""
