@@ -12,9 +12,10 @@ from ._identify import aicc_of, identify, parameter_count, refuse_tracers
 from ._result import Identification, conclude
 from ._status import Status, refused, status_name
 from .methods import METHODS
+from .models._abstract import AbstractPlant
 from .models._deviation import squared_deviation
 from .models._notation import transfer_function
-from .models._plants import FOPDT, SOPDT, AbstractPlant, EqualLag, PTn
+from .models._plants import FOPDT, SOPDT, EqualLag, PTn
 from .records._record import StepRecord, predict
 
 

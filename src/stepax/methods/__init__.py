@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._result import Identification
-from ..models._plants import FOPDT, SOPDT, AbstractPlant, EqualLag, Hudzovic, PTn, Sani
+from ..models._abstract import AbstractPlant
+from ..models._plants import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani
 from ..records._record import StepRecord
 from ._areas import area_fopdt, moments_fopdt, moments_ptn, moments_sopdt
 from ._charts import harriott, smith

@@ -8,13 +8,14 @@ from .._result import Identification
 from .._status import first_problem
 from ..curves._lookup import lookup
 from ..curves._times import LEVELS
+from ..models._abstract import AbstractSpreadChain
 from ..models._plants import Hudzovic, Sani
-from ..models._spread import DEFAULT_ORDERS, SpreadChain
+from ..models._spread import DEFAULT_ORDERS
 from ..records._record import StepRecord
 from ._reading import finish, read_tangent, read_times, readable
 
 
-def _by_tangent(model: type[SpreadChain], record, span, delay, orders, tolerance):
+def _by_tangent(model: type[AbstractSpreadChain], record, span, delay, orders, tolerance):
     problem, safe = readable(record, span)
     line, details, missing = read_tangent(safe)
     found, status = lookup(
@@ -23,7 +24,9 @@ def _by_tangent(model: type[SpreadChain], record, span, delay, orders, tolerance
     return finish(record, safe, found, delay, first_problem(problem, missing, status), details)
 
 
-def _by_levels(model: type[SpreadChain], record, span, delay, orders, tolerance, formula=False):
+def _by_levels(
+    model: type[AbstractSpreadChain], record, span, delay, orders, tolerance, formula=False
+):
     problem, safe = readable(record, span)
     (t10, t50, t90), details, read = read_times(safe, LEVELS, delay)
     found, status = lookup(
