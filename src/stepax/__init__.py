@@ -13,11 +13,13 @@ from .fitting._solver import BoundedLevenbergMarquardt as BoundedLevenbergMarqua
 from .methods import METHODS as METHODS
 from .models._plants import (
     FOPDT as FOPDT,
+    IPDT as IPDT,
     SOPDT as SOPDT,
     EqualLag as EqualLag,
     Hudzovic as Hudzovic,
     PTn as PTn,
     Sani as Sani,
+    SOPDTZero as SOPDTZero,
 )
 from .models._responses import MAX_ORDER as MAX_ORDER
 from .records._characterise import (

@@ -18,6 +18,7 @@ from jaxtyping import Array, ArrayLike
 from .._arrays import Scalar, as_real, nan_where
 from .._status import Status, refused
 from ..models._abstract import AbstractSpreadChain
+from ..models._plants import Hudzovic, Sani
 from ..models._spread import (
     DEFAULT_ORDERS,
     chain_with_spread,
@@ -246,7 +247,7 @@ def _solve(model, orders, tolerance, ratio, ends, value, time_at_unit, time, val
 
 
 def lookup(
-    model: type[AbstractSpreadChain],
+    model: type[Hudzovic] | type[Sani],
     *,
     Tu: ArrayLike | None = None,
     Tg: ArrayLike | None = None,

@@ -17,6 +17,7 @@ from scipy import special
 from .._arrays import as_real, nan_where
 from ..models._abstract import AbstractSpreadChain
 from ..models._contour import chain_derivatives
+from ..models._plants import Hudzovic, Sani
 from ..models._responses import MAX_ORDER
 from ..models._spread import check_spread_chain
 from ._roots import increasing_root
@@ -94,7 +95,7 @@ def _plant_curves(plant: AbstractSpreadChain) -> Curves:
 
 
 def lookup_curves(
-    model: type[AbstractSpreadChain], n: ArrayLike, r: Float[ArrayLike, "..."]
+    model: type[Hudzovic] | type[Sani], n: ArrayLike, r: Float[ArrayLike, "..."]
 ) -> Curves:
     """Murray's lookup curves at T = 1 (eqs. 2.11-2.14).
 

@@ -1,17 +1,11 @@
-r"""Families of plants in a fit: bounded coordinates, of order one, regular at their bounds.
+"""Families of plants in a fit: what each of them knows of its coordinates, ends and kinks.
 
-A family's own parameters map one to one to coordinates; fixing a parameter removes its coordinate.
-
-How far two lags lie apart, s = T_2/T_1 in [0, 1], enters a response as an even function of ln s.
-Its coordinate is the square of the contrast, $e = ((1 - s)/(1 + s))^2$: the response has a finite
-slope in it that is not 0 at equal lags (e = 0) and at a single lag (e = 1). For a chain, s is the
-ratio of the extreme rates; for two lags of damping $\zeta$, $1 - e = 1/\zeta^2$. Individual lags,
-where any of them can meet, are their own coordinates: the response is a symmetric function of them.
+A family's own parameters map one to one to coordinates (`_coordinates`); fixing a parameter removes
+its coordinate.
 """
 
 import abc
 import dataclasses
-import math
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -22,21 +16,22 @@ from jaxtyping import Array
 from .._arrays import Coordinates, Scalar
 from .._status import Status
 from ..models._abstract import AbstractPlant, AbstractSpreadChain
-from ..models._plants import FOPDT, SOPDT, EqualLag, PTn
-from ..models._responses import MAX_REAL_ORDER
+from ..models._plants import FOPDT, IPDT, SOPDT, EqualLag, PTn, SOPDTZero
 from ..models._spread import chain_of_ratio
-
-
-LOG_TIME = (math.log(1e-6), math.log(1e3))
-"""Bounds of a time constant, relative to the length of the record."""
-CONTRAST = (0.0, 1.0)
-LAG = (0.0, 1e4)
-"""Bounds of a lag, relative to the sum of the lags at the start."""
-APART = 0.01
-"""Least relative distance of two lags at the start: at one place the fit could not part them."""
-LOG_ORDER = (math.log(0.3), math.log(MAX_REAL_ORDER))
-LOG_DAMPING = (math.log1p(200.0**-2), math.log1p(0.005**-2))
-"""Bounds of $\\ln(1 + 1/\\zeta^2)$: damping from 200 down to 0.005."""
+from ._coordinates import (
+    APART,
+    CONTRAST,
+    LAG,
+    LEAD,
+    LOG_DAMPING,
+    LOG_ORDER,
+    LOG_TIME,
+    LONGEST_LAG,
+    decode_ratio,
+    decode_second_order,
+    encode_ratio,
+    encode_second_order,
+)
 
 
 class AbstractFamily(eqx.Module):
@@ -134,34 +129,11 @@ def family_of(model: AbstractPlant) -> AbstractFamily:
         return SecondOrderFamily(model)
     if isinstance(model, PTn):
         return IndividualFamily(model)
+    if isinstance(model, SOPDTZero):
+        return ZeroFamily(model)
+    if isinstance(model, IPDT):
+        return IntegratingFamily(model)
     raise TypeError(f"refine needs a stepax model, got {type(model).__name__}.")
-
-
-# The contrast of two lags
-
-
-def _inside(dtype) -> tuple[float, float]:
-    """Distances of a contrast from its ends: at equal lags, and at a single lag.
-
-    At equal lags s differs from 1 by the root of it, eps^(1/3): there the response still changes by
-    more than rounding. `tests/fitting` compares gradients at both ends with differences.
-    """
-    eps = float(jnp.finfo(dtype).eps)
-    return eps ** (2 / 3), eps**0.5
-
-
-def _encode_ratio(s) -> Array:
-    near, far = _inside(s.dtype)
-    contrast = (1 - s) / (1 + s)
-    return jnp.clip((contrast**2 - near) / (1 - near - far), 0, 1)
-
-
-def _decode_ratio(x, exact: bool = False) -> Array:
-    """Ratio s of two lags or rates at a coordinate; exactly 1 or 0 at its ends, if so wished."""
-    near, far = _inside(x.dtype)
-    contrast = jnp.sqrt(near + (1 - near - far) * x)
-    s = (1 - contrast) / (1 + contrast)
-    return jnp.where(x <= 0, 1, jnp.where(x >= 1, 0, s)) if exact else s
 
 
 # The families
@@ -178,15 +150,13 @@ class SpreadFamily(AbstractFamily):
 
     def encode(self, unit: Scalar) -> Array:
         """ln of the sum of the lags, and the contrast."""
-        return jnp.stack(
-            [jnp.log(jnp.sum(self.model.lags) / unit), _encode_ratio(self.model.ratio)]
-        )
+        return jnp.stack([jnp.log(jnp.sum(self.model.lags) / unit), encode_ratio(self.model.ratio)])
 
     def decode(self, x: Coordinates, unit: Scalar, exact: bool) -> dict[str, Array]:
         """T and r."""
-        s = _decode_ratio(x[1], exact)
+        s = decode_ratio(x[1], exact)
         if not self.model.reaches_first_order:
-            s = jnp.where(x[1] >= 1, _decode_ratio(x[1], False), s)
+            s = jnp.where(x[1] >= 1, decode_ratio(x[1], False), s)
         chain = chain_of_ratio(type(self.model), s, self.model.n)
         return {"T": chain.T * unit * jnp.exp(x[0]), "r": chain.r}
 
@@ -204,7 +174,7 @@ class SpreadFamily(AbstractFamily):
     def shortened(self, x: list[Array], unit: Scalar, lag: Scalar) -> tuple[list[Array], Scalar]:
         """The last lag as if the chain had two."""
         total = unit * jnp.exp(x[0])
-        return [x[0], _encode_ratio(lag / total)], _decode_ratio(x[1]) * total
+        return [x[0], encode_ratio(lag / total)], decode_ratio(x[1]) * total
 
     def with_order(self, n: Array) -> AbstractPlant:
         """The same sum of lags and ratio."""
@@ -299,16 +269,53 @@ class SecondOrderFamily(AbstractFamily):
         return [jnp.log1p(4 * s / (1 + s) ** 2), x[1]], before
 
 
-def encode_second_order(zeta: Scalar, omega_n: Scalar, unit: Scalar) -> Array:
-    """Coordinates of damping and period."""
-    period = jnp.log1p(4 * zeta**2) / 2 - jnp.log(omega_n * unit)
-    return jnp.stack([jnp.log1p(zeta**-2), period])
+class ZeroFamily(AbstractFamily):
+    """Two poles and a zero: damping and period as without it, and lead over that period."""
+
+    model: SOPDTZero
+    names: ClassVar[Any] = ("zeta", "omega_n", "lead")
+    bounds: ClassVar[Any] = (LOG_DAMPING, LOG_TIME, LEAD)
+    scaling: ClassVar[Any] = (False, True, False)
+    kinked: ClassVar[Any] = True
+
+    def encode(self, unit: Scalar) -> Array:
+        """Damping, period, and lead over the period."""
+        both = encode_second_order(self.model.zeta, self.model.omega_n, unit)
+        return jnp.append(both, self.model.lead / unit * jnp.exp(-both[1]))
+
+    def decode(self, x: Coordinates, unit: Scalar, exact: bool) -> dict[str, Array]:
+        """zeta, omega_n and lead."""
+        return decode_second_order(x, unit) | {"lead": x[2] * unit * jnp.exp(x[1])}
+
+    def vague_beyond(self, name: str, value: Array) -> Any:
+        """A lead may be 0: no zero is knowledge too."""
+        return jnp.inf if name == "lead" else jnp.abs(value)
 
 
-def decode_second_order(x: Coordinates, unit: Scalar) -> dict[str, Array]:
-    """zeta and omega_n at coordinates."""
-    zeta = 1 / jnp.sqrt(jnp.expm1(x[0]))
-    return {"zeta": zeta, "omega_n": jnp.sqrt(1 + 4 * zeta**2) * jnp.exp(-x[1]) / unit}
+class IntegratingFamily(AbstractFamily):
+    """An integrator with a lag: T itself, over the length of the record, since it may be 0."""
+
+    model: IPDT
+    shape_name: ClassVar[str | None] = "T"
+    names: ClassVar[Any] = ("T",)
+    bounds: ClassVar[Any] = ((0.0, LONGEST_LAG),)
+    scaling: ClassVar[Any] = (False,)
+
+    def encode(self, unit: Scalar) -> Array:
+        """T."""
+        return jnp.reshape(self.model.T / unit, (1,))
+
+    def decode(self, x: Coordinates, unit: Scalar, exact: bool) -> dict[str, Array]:
+        """T."""
+        return {"T": x[0] * unit}
+
+    def vague_beyond(self, name: str, value: Array) -> Any:
+        """A lag may be 0."""
+        return jnp.inf if name == "T" else jnp.abs(value)
+
+    def shortened(self, x: list[Array], unit: Scalar, lag: Scalar) -> tuple[list[Array], Scalar]:
+        """The lag."""
+        return [jnp.reshape(lag / unit, ())], x[0] * unit
 
 
 class IndividualFamily(AbstractFamily):

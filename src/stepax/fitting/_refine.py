@@ -51,8 +51,8 @@ def refine(
     `weights`: per row; the standard errors take them as inverse variances up to a common factor, 0
     leaves a row out. `loss`: "huber" bounds the pull of glitches: beyond 1.345 times the noise
     level (1.4826 times the median absolute residual, of a fit by squares and of one by this loss
-    before) a residual counts linearly (Huber 1964). `solver`: any optimistix least-squares solver; bounds
-    are kept only by the default one. `errors=False` leaves standard errors NaN, which is faster.
+    before) a residual counts linearly (Huber 1964). `solver`: any optimistix least-squares solver;
+    only the default one keeps bounds. `errors=False` leaves standard errors NaN, which is faster.
 
     **Returns:** `Identification`; see `with_errors` for the standard errors. Derivatives with
     respect to the record and to what is fixed come from the implicit function theorem; those of a

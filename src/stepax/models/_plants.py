@@ -11,6 +11,7 @@ from jaxtyping import Array, Complex, Float, Shaped
 
 from .._arrays import Flag, Lags, Scalar, as_real
 from ._abstract import (
+    SETTLED,
     AbstractChain,
     AbstractPlant,
     AbstractSpreadChain,
@@ -26,8 +27,10 @@ from ._responses import (
     equal_spacing_inflection,
     equal_spacing_response,
     first_order_response,
+    lagged_ramp_response,
     one_minus_multiple,
     second_order_response,
+    second_order_zero_response,
 )
 
 
@@ -280,3 +283,117 @@ class SOPDT(AbstractPlant):
             return TimeScales(fast, fast, 40 * fast / float(self.zeta))
         slow, fast = np.asarray(self.lags, float).tolist()
         return TimeScales(fast, slow, 40 * slow + 10 * (slow + fast))
+
+
+class SOPDTZero(AbstractPlant):
+    r"""Second order with one zero: $(1 + s\,\text{lead})$ times the transfer function of `SOPDT`.
+
+    Source: the "Z" of process models (L. Ljung, System Identification Toolbox).
+    `zeta` and `omega_n` as in `SOPDT`. `lead`, unit of time, of either sign: a negative one moves the output the wrong
+    way first (inverse response), one above the larger lag makes it overshoot without oscillation;
+    0 is `SOPDT`. The response has a corner where the dead time ends.
+    """
+
+    dimensions: ClassVar[dict[str, str]] = {"zeta": "1", "omega_n": "per time", "lead": "time"}
+
+    zeta: Float[Array, "..."] = eqx.field(converter=as_real)
+    omega_n: Float[Array, "..."] = eqx.field(converter=as_real)
+    lead: Float[Array, "..."] = eqx.field(converter=as_real)
+
+    @property
+    def _without_zero(self) -> SOPDT:
+        return SOPDT(zeta=self.zeta, omega_n=self.omega_n)
+
+    def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """g(t), in closed form."""
+        return second_order_zero_response(t, self.zeta, self.omega_n, self.lead)
+
+    def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
+        """G(s)."""
+        return (1 + s * self.lead) * self._without_zero.unit_transfer_function(s)
+
+    @property
+    def lags(self) -> Lags:
+        """Both time constants where it does not oscillate, as in `SOPDT`."""
+        return self._without_zero.lags
+
+    @property
+    def zeros(self) -> Shaped[np.ndarray, " m"]:
+        """-1/lead; none for a lead of 0."""
+        lead = np.atleast_1d(np.asarray(self.lead))
+        return -1 / lead[lead != 0]
+
+    @property
+    def poles(self) -> Shaped[np.ndarray, " n"]:
+        """The two poles, complex for zeta < 1."""
+        return self._without_zero.poles
+
+    def numerator(self) -> list[Factor]:
+        """1 + s lead."""
+        lead = float(np.asarray(self.lead))
+        return [Factor((1.0, lead))] if lead else []
+
+    def denominator(self) -> list[Factor]:
+        """As in `SOPDT`."""
+        return self._without_zero.denominator()
+
+    def time_scales(self) -> TimeScales:
+        """As in `SOPDT`."""
+        return self._without_zero.time_scales()
+
+    def has_settled(self, last: Scalar) -> Flag:
+        """It may come from above."""
+        return jnp.abs(last - 1) <= 1 - SETTLED
+
+
+class IPDT(AbstractPlant):
+    r"""Integrating with one lag: $1/(s (1 + sT))$; its response ends as a ramp.
+
+    Source: the "I" of process models (L. Ljung, System Identification Toolbox). T >= 0 in units of
+    time (0: no lag; negative: NaN). `gain` is the slope of the output per unit of input: after a
+    step of the input the output moves by gain times the size of the step in every unit of time. The
+    static gain is infinite, and so is the frequency response at 0.
+    """
+
+    dimensions: ClassVar[dict[str, str]] = {"T": "time", "gain": "output/(input time)"}
+    settles: ClassVar[bool] = False
+
+    T: Float[Array, "..."] = eqx.field(converter=as_real)
+
+    def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """g(t), in closed form."""
+        return lagged_ramp_response(t, self.T)
+
+    def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
+        """G(s)."""
+        return 1 / (s * (1 + s * self.T))
+
+    @property
+    def static_gain(self) -> Scalar:
+        """Infinite, with the sign of the gain."""
+        return self.gain * jnp.inf
+
+    @property
+    def lags(self) -> Lags:
+        """The one time constant beside the integrator."""
+        return jnp.reshape(self.T, (1,))
+
+    @property
+    def poles(self) -> Shaped[np.ndarray, " n"]:
+        """0 and -1/T; a lag of 0 has none."""
+        T = np.atleast_1d(np.asarray(self.T))
+        return np.concatenate([[0.0], -1 / T[T != 0]])
+
+    def denominator(self) -> list[Factor]:
+        """s, and 1 + sT."""
+        T = float(np.asarray(self.T))
+        return [Factor((0.0, 1.0)), *([Factor((1.0, T))] if T else [])]
+
+    def time_scales(self) -> TimeScales:
+        """Of the lag; it never comes to rest."""
+        T = float(np.asarray(self.T))
+        return TimeScales(T, T, np.inf)
+
+    def has_settled(self, last: Scalar) -> Flag:
+        """Its gain is a slope, which any row shows."""
+        return jnp.ones_like(last, bool)

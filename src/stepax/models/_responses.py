@@ -200,7 +200,27 @@ def second_order_response(
     $a = \tau^2/(\zeta\tau + m)$, where nothing cancels or overflows.
     """
     started, t = _after_start(t)
+    rest, _ = _second_order_rest(omega_n * t, zeta)
+    return jnp.where(started, 1 - rest, 0)
+
+
+@jax.jit
+def second_order_zero_response(
+    t: Float[Array, "*shape"], zeta: Scalar, omega_n: Scalar, lead: Scalar
+) -> Float[Array, "*shape"]:
+    r"""$(1 + s\,\text{lead})\,\omega_n^2/(s^2 + 2\zeta\omega_n s + \omega_n^2)$, lead of any sign.
+
+    The response without the zero plus lead times its slope,
+    $\omega_n \tau e^{-\zeta\tau} \sinh\sqrt q/\sqrt q$ in the terms of `second_order_response`.
+    """
+    started, t = _after_start(t)
     tau = omega_n * t
+    rest, sway = _second_order_rest(tau, zeta)
+    return jnp.where(started, 1 - rest + lead * omega_n * tau * sway, 0)
+
+
+def _second_order_rest(tau: Array, zeta: Scalar) -> tuple[Array, Array]:
+    r"""1 - g and $e^{-\zeta\tau} \sinh\sqrt q/\sqrt q$ at times over 1/omega_n."""
     excess = (zeta - 1) * (zeta + 1)
     q = tau * tau * excess
     decay = zeta * tau
@@ -211,13 +231,38 @@ def second_order_response(
     for k in range(9, 0, -1):  # 1/20! < 1e-18
         c = 1 + small / ((2 * k - 1) * (2 * k)) * c
         s = 1 + small / ((2 * k) * (2 * k + 1)) * s
-    rest_near = jnp.exp(-decay) * (c + decay * s)
+    fall = jnp.exp(-decay)
+    rest_near, sway_near = fall * (c + decay * s), fall * s
 
     m = tau * jnp.sqrt(jnp.where(near, 1, jnp.abs(excess)))
     away = jnp.where(q < 0, m, jnp.ones_like(m))
-    rest_under = jnp.exp(-decay) * (jnp.cos(away) + decay * jnp.sin(away) / away)
+    sway_under = fall * jnp.sin(away) / away
+    rest_under = fall * (jnp.cos(away) + decay * jnp.sin(away) / away)
     a = tau * tau / (decay + m)
-    rest_over = jnp.exp(-a) * (1 + a * decay_integral(2 * m, jnp.ones_like(m)))
+    part = decay_integral(2 * m, jnp.ones_like(m))
+    rest_over, sway_over = jnp.exp(-a) * (1 + a * part), jnp.exp(-a) * part
 
     rest = jnp.where(near, rest_near, jnp.where(q < 0, rest_under, rest_over))
-    return jnp.where(started, 1 - rest, 0)
+    return rest, jnp.where(near, sway_near, jnp.where(q < 0, sway_under, sway_over))
+
+
+def lagged_ramp_response(t: Float[Array, "*shape"], T: Scalar) -> Float[Array, "*shape"]:
+    r"""$1/(s (1 + sT))$: $g(t) = t - T (1 - e^{-t/T})$, a ramp in the end; t itself for T = 0.
+
+    By its series below x = t/T = 1/2, where the difference cancels: $T x^2/2 (1 - x/3 (1 - ...))$.
+    A negative T gives NaN.
+    """
+    started, t = _after_start(t)
+    lagged = T > 0
+    safe = jnp.where(lagged, T, 1)
+    x = t / safe
+    small = x < 0.5
+    near = jnp.where(small, x, jnp.zeros_like(x))
+    series = jnp.ones_like(x)
+    for k in range(16, 2, -1):  # 0.5^14 2/16! < 1e-17
+        series = 1 - near / k * series
+    far = t + safe * jnp.expm1(-jnp.where(small, 1, x))
+    g = jnp.where(small, safe * near * near / 2 * series, far)
+    # at T = 0 the derivative in T is -1: every lag comes too late by itself
+    g = jnp.where(lagged, g, jnp.where(T == 0, t - T, jnp.nan))
+    return jnp.where(started, g, 0)
