@@ -42,7 +42,7 @@ from scipy.optimize import curve_fit
 from experiments.cores import on_all_cores, use_all_cores
 from experiments.numpy_responses import chain_lags, chain_response, hudzovic_response
 from stepax import Hudzovic, Sani, StepRecord, refine
-from stepax.fitting._problem import Fit
+from stepax.fitting._problem import Problem
 from stepax.fitting._solver import inner_products
 from stepax.methods._fits import _chain_start
 
@@ -89,7 +89,7 @@ def by_stepax(family, everything, t, y, T, r, delay, n):
 def by_optimistix(family, everything, t, y, T, r, delay, n):
     """(b)"""
     known = () if everything else KNOWN
-    fit = Fit(StepRecord(t, y), family(T=T, r=r, n=n, delay=delay), jnp.ones_like(y), known)
+    fit = Problem(StepRecord(t, y), family(T=T, r=r, n=n, delay=delay), jnp.ones_like(y), known)
     solver = optx.LevenbergMarquardt(rtol=TOLERANCE, atol=TOLERANCE)
     found = optx.least_squares(
         lambda x, _: fit.residual(jnp.clip(x, *fit.bounds())), solver, fit.start(), throw=False
@@ -181,7 +181,7 @@ def chunked(engine, size=CHUNK):
 def evaluation(family, everything, evaluations, t, y, T, r, delay, n):
     """As many evaluations of residuals, derivatives and their sums as a fit needs, no more."""
     known = () if everything else KNOWN
-    fit = Fit(StepRecord(t, y), family(T=T, r=r, n=n, delay=delay), jnp.ones_like(y), known)
+    fit = Problem(StepRecord(t, y), family(T=T, r=r, n=n, delay=delay), jnp.ones_like(y), known)
 
     def again(_, x):
         residual, slopes = fit.linearised(x)

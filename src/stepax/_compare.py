@@ -12,9 +12,9 @@ from ._result import Identification, conclude
 from ._status import Status, refused, status_name
 from .methods import METHODS, ROWS
 from .methods._method import Method
+from .models._abstract import AbstractPlant
 from .models._deviation import squared_deviation
 from .models._notation import transfer_function
-from .models._plants import AbstractPlant
 from .records._record import StepRecord, predict
 
 

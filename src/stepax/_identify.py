@@ -1,6 +1,7 @@
 """The front door: one record in, a model out."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -11,14 +12,11 @@ from jax.core import Tracer
 
 from ._result import Identification
 from ._status import refused
-from .fitting._certainty import aicc, with_errors
+from .fitting._fitted import Fitted, aicc
+from .fitting._refine import concluded
 from .methods import METHODS
-from .models._plants import parameter_names
+from .methods._fits import AUTO
 from .records._record import StepRecord
-
-
-AUTO = ("fopdt_fit", "sopdt_fit", "hudzovic_fit", "sani_fit")
-"""Methods that `method="auto"` compares, simplest first."""
 
 
 def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identification:
@@ -68,24 +66,35 @@ def refuse_tracers(record: StepRecord, what: str) -> None:
 
 
 def _identify_auto(record: StepRecord, options: dict[str, Any]) -> Identification:
-    results = [identify(record, name, **(options | {"errors": False})) for name in AUTO]
-    scores = [float(aicc_of(result)) for result in results]
+    options = dict(options)
+    errors = options.pop("errors", True)
+    bare = record.plain
+    fits = [_searched(search, bare, options) for search in AUTO.values()]
+    scores = [float(fitted.score) for fitted in fits]
     chosen = int(np.argmin(scores))
-    result = dataclasses.replace(results[chosen], record=record.plain)
-    if options.get("errors", True):
-        known = {name: options[name] for name in ("fixed", "weights", "loss") if name in options}
-        result = eqx.filter_jit(with_errors)(result, **known)
+    result = _concluded(fits[chosen], bare, errors)
     details = {f"aicc_{name}": jnp.asarray(score) for name, score in zip(AUTO, scores, strict=True)}
     details["chosen"] = jnp.asarray(chosen)
-    return dataclasses.replace(result, record=record, details=result.details | details)
+    details = result.details | record.details | details
+    return dataclasses.replace(result, record=record, details=details)
+
+
+@eqx.filter_jit
+def _searched(search: Callable[..., Fitted], record: StepRecord, options) -> Fitted:
+    return search(record, **options)
+
+
+@eqx.filter_jit
+def _concluded(fitted: Fitted, record: StepRecord, errors: bool) -> Identification:
+    return concluded(fitted, record, errors)
 
 
 def chosen_method(result: Identification) -> str:
     """Name of the method that "auto" kept."""
-    return AUTO[int(result.details["chosen"])]
+    return list(AUTO)[int(result.details["chosen"])]
 
 
-def aicc_of(result: Identification, order_found: bool = False):
+def aicc_of(result: Identification, order_found: bool):
     """AICc of a result over all rows of its record, infinite for a refusal.
 
     `order_found` as in `parameter_count`; a fit has counted its own.
@@ -99,7 +108,7 @@ def aicc_of(result: Identification, order_found: bool = False):
     return jnp.where(refused(result.status) | jnp.isnan(value), jnp.inf, value)
 
 
-def parameter_count(result: Identification, order_found: bool = False) -> int:
+def parameter_count(result: Identification, order_found: bool) -> int:
     """Number of parameters that were found from the record, the order among them if `order_found`.
 
     Of a fit those that its AICc counts. Of other methods: lags of 0 do not count, equal ones once,
@@ -113,6 +122,6 @@ def parameter_count(result: Identification, order_found: bool = False) -> int:
     known |= set() if float(model.delay) else {"delay"}
     # A real order is a parameter of the model too; found, it still counts once.
     known |= {"n"} if order_found else set()
-    found = set(parameter_names(model)) - known
+    found = set(model.parameter_names) - known
     values = [np.unique(np.asarray(getattr(model, name))) for name in found]
     return int(order_found) + sum(int(np.count_nonzero(x)) if x.size > 1 else 1 for x in values)

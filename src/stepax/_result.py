@@ -8,8 +8,8 @@ from jaxtyping import Array
 
 from ._arrays import Samples, Scalar, nan_where, safe_sqrt
 from ._status import Status, refused
+from .models._abstract import AbstractPlant
 from .models._notation import number, transfer_function, transfer_function_text
-from .models._plants import AbstractPlant, parameter_names
 from .records._labels import unit_of
 from .records._record import StepRecord, predict, scaled
 
@@ -73,7 +73,7 @@ def conclude(
     model = nan_where(refused(status), model)
     rows = record.after_step
     if response is None:
-        prediction = predict(model, record, record.t)
+        prediction = predict(model, record)
     else:
         prediction = scaled(model, record, response)
     residual = jnp.where(rows, record.y - prediction, 0)
@@ -88,7 +88,7 @@ def conclude(
         rmse=safe_sqrt(jnp.sum(square) / count),
         J=jnp.sum(interval * (square[:-1] + square[1:]) / 2),
         fit_percent=100 * (1 - safe_sqrt(jnp.sum(square) / spread)),
-        std=dict.fromkeys(parameter_names(model), jnp.full((), jnp.nan, residual.dtype)),
+        std=dict.fromkeys(model.parameter_names, jnp.full((), jnp.nan, residual.dtype)),
         covariance=jnp.full((len(free), len(free)), jnp.nan, residual.dtype),
         free=free,
         details={} if details is None else details,

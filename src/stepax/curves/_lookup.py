@@ -17,10 +17,9 @@ from jaxtyping import Array, ArrayLike
 
 from .._arrays import Scalar, as_real, nan_where
 from .._status import Status, refused
-from ..models._plants import Hudzovic, Sani
+from ..models._abstract import AbstractSpreadChain
 from ..models._spread import (
     DEFAULT_ORDERS,
-    SpreadChain,
     chain_with_spread,
     check_orders,
     check_spread_chain,
@@ -31,7 +30,6 @@ from ._times import (
     equal_lag_ends,
     inflection_bracket,
     inflection_equation,
-    response_and_slope,
     tangent_line,
     three_times,
 )
@@ -40,7 +38,7 @@ from ._times import (
 class Lookup(NamedTuple):
     """What `lookup` returns: the model (NaN parameters if refused) and its `Status`."""
 
-    model: SpreadChain
+    model: AbstractSpreadChain
     status: Status
 
 
@@ -84,7 +82,7 @@ class _Ratio(NamedTuple):
     slope of the times in log c: the inversion improves c and the times together.
     """
 
-    value: Callable[[SpreadChain], Array]
+    value: Callable[[AbstractSpreadChain], Array]
     newton: Callable[..., tuple[Array, Array, Array, Array]]
 
 
@@ -152,7 +150,7 @@ def _newton_levels(model, n, log_c, log_t):
     def response(log_c):
         return chain_with_spread(model, log_c, n).unit_response(jnp.exp(log_t))
 
-    _, slope_t = response_and_slope(chain_with_spread(model, log_c, n), jnp.exp(log_t))
+    _, slope_t = chain_with_spread(model, log_c, n).response_and_slope(jnp.exp(log_t))
     g, slope_c = jax.jvp(response, (log_c,), (jnp.ones_like(log_c),))
     eps = jnp.finfo(g.dtype).eps
     g = jnp.clip(g, eps, 1 - eps)
@@ -171,10 +169,10 @@ def _newton_tangent(model, n, log_c, log_t):
 
     def at(log_c, t):
         plant = chain_with_spread(model, log_c, n)
-        g, slope = response_and_slope(plant, t)
+        g, slope = plant.response_and_slope(t)
         return slope - g
 
-    if model is Hudzovic:
+    if chain_with_spread(model, log_c, n).inflection() is not None:
         ratio = lambda x: _tu_tg(chain_with_spread(model, x, n))  # noqa: E731
         value, slope = jax.jvp(ratio, (log_c,), (jnp.ones_like(log_c),))
         return value, slope, log_t, jnp.zeros_like(log_t)
@@ -187,16 +185,16 @@ def _newton_tangent(model, n, log_c, log_t):
     return value, slope, jnp.full_like(log_t, x), jnp.zeros_like(log_t)
 
 
-def _lam(plant: SpreadChain) -> Array:
+def _lam(plant: AbstractSpreadChain) -> Array:
     t10, t50, t90 = three_times(plant)
     return (t90 - t10) / t50
 
 
-def _tu_tg(plant: SpreadChain) -> Array:
+def _tu_tg(plant: AbstractSpreadChain) -> Array:
     return tangent_line(plant)[0]
 
 
-def _formula_t50(plant: SpreadChain) -> Array:
+def _formula_t50(plant: AbstractSpreadChain) -> Array:
     """Sani's eq. 2.17 over T, with a sum for the quotient (1 - r^n)/(1 - r)."""
     return math.log(2) - 1 + jnp.sum(plant.lags / plant.T)
 
@@ -208,7 +206,7 @@ def _newton_formula(model, n, log_c, log_t):
     return value, slope, log_t, jnp.zeros_like(log_t)
 
 
-def _formula_lam(plant: SpreadChain) -> Array:
+def _formula_lam(plant: AbstractSpreadChain) -> Array:
     """Sani's eq. 2.19: eq. 2.18 over eq. 2.17."""
     lags = plant.lags / plant.T
     return 1.315 * jnp.sqrt(3.8 * jnp.sum(lags**2) - 1) / _formula_t50(plant)
@@ -231,10 +229,10 @@ def _solve(model, orders, tolerance, ratio, ends, value, time_at_unit, time, val
     n, end, at_end, at_first, beyond_first, beyond_last = _select(value, orders, ends, tolerance)
     interior = valid & ~(at_end | at_first | beyond_first | beyond_last)
     r = _invert(model, ratio, value, n, end, ends.first_order, interior)
-    equal_lags = 1.0 if model is Sani else 0.0
-    r = jnp.where(at_end, equal_lags, jnp.where(at_first, 0.0, r))
+    r = jnp.where(at_end, model.r_at_equal_lags, jnp.where(at_first, 0.0, r))
     T = time / time_at_unit(model(T=jnp.ones_like(r), r=r, n=n))
-    first = Status.at_first_order if model is Sani else Status.beyond_first_order
+    reached = model.reaches_first_order
+    first = Status.at_first_order if reached else Status.beyond_first_order
     status = Status.successful
     for condition, meaning in (
         (at_end, Status.at_equal_lags),
@@ -248,7 +246,7 @@ def _solve(model, orders, tolerance, ratio, ends, value, time_at_unit, time, val
 
 
 def lookup(
-    model: type[SpreadChain],
+    model: type[AbstractSpreadChain],
     *,
     Tu: ArrayLike | None = None,
     Tg: ArrayLike | None = None,
@@ -286,7 +284,7 @@ def lookup(
     given = [[x is not None for x in times] for times in (by_tangent, by_levels)]
     if sorted(map(tuple, given)) not in ([(False,) * 3, (True,) * 2], [(False,) * 2, (True,) * 3]):
         raise TypeError("lookup takes either Tu and Tg, or t10, t50 and t90.")
-    if formula and (model is not Sani or all(given[0])):
+    if formula and (not model.has_formulae or all(given[0])):
         raise ValueError("formula=True is for Sani with t10, t50 and t90.")
 
     times = [as_real(x) for x in (by_tangent if all(given[0]) else by_levels)]

@@ -9,17 +9,16 @@ import math
 from typing import NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 from scipy import special
 
 from .._arrays import as_real, nan_where
+from ..models._abstract import AbstractSpreadChain
 from ..models._contour import chain_derivatives
-from ..models._plants import Hudzovic, Sani, one_minus_multiple
 from ..models._responses import MAX_ORDER
-from ..models._spread import SpreadChain, check_spread_chain
+from ..models._spread import check_spread_chain
 from ._roots import increasing_root
 
 
@@ -40,15 +39,7 @@ LEVELS = (0.1, 0.5, 0.9)
 """Shares of the change whose times Sani reads."""
 
 
-def response_and_slope(plant: SpreadChain, t: Array) -> tuple[Array, Array]:
-    """g and t dg/dt."""
-    if isinstance(plant, Hudzovic):
-        return jax.jvp(plant.unit_response, (t,), (t,))
-    g, slope = chain_derivatives(t, plant.lags, 1)
-    return g, slope
-
-
-def three_times(plant: SpreadChain) -> Array:
+def three_times(plant: AbstractSpreadChain) -> Array:
     """t10, t50, t90: roots of ln(g/(1-g)), which is nearly straight in ln t."""
     total = jnp.sum(plant.lags)
     levels = np.array(LEVELS)
@@ -56,7 +47,7 @@ def three_times(plant: SpreadChain) -> Array:
     eps = jnp.finfo(total.dtype).eps
 
     def logit(log_t):
-        g, slope = response_and_slope(plant, jnp.exp(log_t))
+        g, slope = plant.response_and_slope(jnp.exp(log_t))
         g = jnp.clip(g, eps, 1 - eps)
         return jnp.log(g / (1 - g)) - target, slope / (g * (1 - g))
 
@@ -64,34 +55,13 @@ def three_times(plant: SpreadChain) -> Array:
     return jnp.exp(increasing_root(logit, start - 12, start + 4, start))
 
 
-def tangent_line(plant: SpreadChain) -> tuple[Array, Array]:
+def tangent_line(plant: AbstractSpreadChain) -> tuple[Array, Array]:
     """Tu/Tg and 1/Tg of the tangent at the inflection."""
-    if isinstance(plant, Hudzovic):
-        t, slope = _hudzovic_inflection(plant)
-    else:
-        t, slope = _sani_inflection(plant)
+    t, slope = plant.inflection() or _searched_inflection(plant)
     return t * slope - plant.unit_response(t), slope
 
 
-def _hudzovic_inflection(plant: Hudzovic) -> tuple[Array, Array]:
-    r"""$t_i = \ln(1/s) T/r$, where $E = n - 1$; slope $\prod 1/T_k\, e^{-m t_i} E^{n-1}/(n-1)!$."""
-    n = plant.n
-    s = one_minus_multiple(n - 1, plant.r)
-    x = 1 - s
-    small = x < 0.01
-    near = jnp.where(small, x, 0)
-    series = jnp.ones_like(x)
-    for k in range(9, 1, -1):  # -log(1 - x)/x = 1 + x/2 + x^2/3 + ..., 0.01^9 = 1e-18
-        series = 1 + near * (k - 1) / k * series
-    t = (n - 1) * jnp.where(small, series, -jnp.log(s) / jnp.where(small, 1, x))
-    log_slope = -s * t
-    for k in range(1, n if isinstance(n, int) else MAX_ORDER):
-        factor = one_minus_multiple(k, plant.r) * (n - 1) / k
-        log_slope = log_slope + jnp.log(jnp.where(k < n, factor, 1))
-    return t * plant.T, jnp.exp(log_slope) / plant.T
-
-
-def _sani_inflection(plant: SpreadChain) -> tuple[Array, Array]:
+def _searched_inflection(plant: AbstractSpreadChain) -> tuple[Array, Array]:
     """Largest slope: the response's density is log-concave, so h'/h falls through 0 once."""
     lower, upper = inflection_bracket(plant)
     lags = plant.lags
@@ -109,7 +79,7 @@ def inflection_equation(lags: Array, log_t: Array) -> tuple[Array, Array]:
     return -ratio, ratio * ratio - ratio - third / first
 
 
-def inflection_bracket(plant: SpreadChain) -> tuple[Array, Array]:
+def inflection_bracket(plant: AbstractSpreadChain) -> tuple[Array, Array]:
     """Bounds of ln t: the mode of the first two lags (each further one delays it), the mean."""
     r = jnp.clip(plant.r, 1e-30, 1)
     apart = jnp.where(r < 0.999, r, 0.5)
@@ -117,13 +87,15 @@ def inflection_bracket(plant: SpreadChain) -> tuple[Array, Array]:
     return lower - 1e-3 + jnp.log(plant.T), jnp.log(jnp.sum(plant.lags))
 
 
-def _plant_curves(plant: SpreadChain) -> Curves:
+def _plant_curves(plant: AbstractSpreadChain) -> Curves:
     tu_tg, inv_tg = tangent_line(plant)
     t10, t50, t90 = three_times(plant)
     return Curves(tu_tg, inv_tg, (t90 - t10) / t50, 1 / t50)
 
 
-def lookup_curves(model: type[SpreadChain], n: ArrayLike, r: Float[ArrayLike, "..."]) -> Curves:
+def lookup_curves(
+    model: type[AbstractSpreadChain], n: ArrayLike, r: Float[ArrayLike, "..."]
+) -> Curves:
     """Murray's lookup curves at T = 1 (eqs. 2.11-2.14).
 
     **Arguments:**
@@ -141,8 +113,7 @@ def lookup_curves(model: type[SpreadChain], n: ArrayLike, r: Float[ArrayLike, ".
 @eqx.filter_jit
 def _lookup_curves(model, n: Array, r: Array) -> Curves:
     def one(n, r):
-        last = r <= 1 if model is Sani else one_minus_multiple(n - 1, r) > 0
-        valid = (n >= 2) & (n <= MAX_ORDER) & (r >= 0) & last
+        valid = (n >= 2) & (n <= MAX_ORDER) & model.has_shape(r, n)
         r = jnp.where(valid, r, 0)
         n = jnp.where(valid, n, 2)
         return nan_where(~valid, _plant_curves(model(T=jnp.ones_like(r), r=r, n=n)))

@@ -1,43 +1,31 @@
-r"""How certain a least-squares fit is: covariance, autocorrelation, information criterion."""
+r"""How certain a least-squares fit is: covariance, autocorrelation, verdict."""
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Any
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Bool, Float
 
 from .._arrays import Samples, Scalar, nan_where, safe_sqrt
 from .._result import Identification
 from .._status import Status, first_problem, refused
-from ..models._plants import Hudzovic, Sani, parameter_names
+from ..models._abstract import COMMON, ScalarParameter
 from ..records._preprocess import quantisation
-from ..records._record import predict, usable_record
-from ._problem import final_level_ties, weights_of
-from ._solver import columns
+from ..records._record import predict
+from ._fitted import Fitted
+from ._problem import Problem
+from ._solver import derivatives
 
 
-HUBER = 1.345
-"""Threshold of Huber's loss over the noise level: 95 % efficient for Gaussian noise."""
+NORMAL_95 = 1.96
+"""Half width of a 95 % interval over the standard error."""
 
 
-def aicc(square: Scalar, count: Array | int, parameters: Array | int) -> Scalar:
-    """Information criterion N ln(RSS/N) + 2 k N/(N - k - 1) (Hurvich and Tsai 1989)."""
-    tiny = jnp.finfo(square.dtype).tiny
-    penalty = 2 * parameters * count / jnp.maximum(count - parameters - 1, 1)
-    return count * jnp.log(jnp.maximum(square, tiny) / count) + penalty
-
-
-def with_errors(
-    result: Identification,
-    fixed: Sequence[str] = (),
-    weights: Samples | None = None,
-    loss: str = "squares",
-) -> Identification:
-    r"""A fit with its standard errors and covariance.
+def with_errors(fitted: Fitted, result: Identification) -> Identification:
+    r"""The result of a fit with its standard errors and covariance.
 
     With $J$ the Jacobian of the prediction in the free parameters and $A = J^\top J$ (rows times
     $\sqrt{w_i}$),
@@ -56,25 +44,11 @@ def with_errors(
     on a bound, for one without an effect of its own, for one that is positive by nature, or the
     gain, whose 95 % interval reaches 0, and for r if it covers half of its range or more. Unless
     it is the bound alone, the status is `not_identifiable`.
-
-    `result` names its free parameters and has `details["at_bound"]`; the options are those it was
-    refined with.
     """
-    model, free = result.model, result.free
-    _, record = usable_record(result.record)
-    tied = final_level_ties(record, fixed)
-    names = list(dict.fromkeys(name.split("[")[0] for name in free))
-    values = [jnp.atleast_1d(jnp.asarray(getattr(model, name), record.y.dtype)) for name in names]
-    sizes = [value.size for value in values]
-    at_bound = result.details["at_bound"]
-    root = safe_sqrt(weights_of(result.record, weights))
-    residual = root * (record.y - predict(model, record, record.t))
-    if loss == "huber":
-        threshold = HUBER * result.details["noise_level"]
-        within = jnp.sum((jnp.abs(residual) <= threshold) & (root > 0)) / jnp.sum(root > 0)
-        residual = jnp.clip(residual, -threshold, threshold) / within
+    problem, free, model = fitted.problem, fitted.problem.free_scalars, result.model
+    root, residual = _residual(fitted, model)
     phi = _autocorrelation(residual, len(free))
-    quantum = quantisation(record.y)
+    quantum = quantisation(problem.record.y)
     details = result.details | {
         "residual_autocorrelation": phi,
         "residuals_correlated": jnp.abs(phi) > 0,
@@ -83,31 +57,84 @@ def with_errors(
         "identifiable": jnp.ones(0, bool),
     }
     if not free:
-        std = _by_name(result, (), [], residual[:0], tied)
+        std = _by_name(problem, model, (), residual[:0])
         return dataclasses.replace(result, std=std, details=details)
+    values = jnp.stack([_value(model, s).astype(residual.dtype) for s in free])
+    found = _covariance(problem, model, values, root, residual, phi, result.details["at_bound"])
+    covariance = nan_where(refused(result.status), found.matrix)
+    errors = safe_sqrt(jnp.diagonal(covariance))
+    vague = found.lost | _vague(problem, free, values, errors, refused(result.status))
+    vague = ~(found.at_bound | found.absent) & vague
+    verdict = Status.where(jnp.any(vague), Status.not_identifiable, Status.successful)
+    bounded = found.at_bound & np.array([s.name not in COMMON for s in free])
+    details["identifiable"] = ~vague & ~bounded
+    return dataclasses.replace(
+        result,
+        status=first_problem(verdict, result.status),
+        std=_by_name(problem, model, free, errors),
+        covariance=covariance,
+        details=details | {"effective_parameters": found.effective},
+    )
 
-    def prediction(*numbers: Array) -> Array:
-        new, position = [], 0
-        for name, size in zip(names, sizes, strict=True):
-            part = numbers[position : position + size]
-            new.append(jnp.stack(part) if jnp.ndim(getattr(model, name)) else part[0])
-            position += size
-        plant = eqx.tree_at(lambda m: [getattr(m, name) for name in names], model, new)
-        if tied:
-            offset = record.final - record.step_size * plant.gain
-            plant = eqx.tree_at(lambda m: m.offset, plant, offset)
-        return root * predict(plant, record, record.t)
 
-    row = jnp.concatenate(values)
-    lag = np.array([name.startswith("lags") for name in free])
-    absent = lag & (row == 0) & ~at_bound
-    frozen = absent | _frozen(lag, row, at_bound)
+def _residual(fitted: Fitted, model) -> tuple[Samples, Samples]:
+    """Roots of the weights, and the weighted residuals; with Huber's loss cut off and raised."""
+    problem = fitted.problem
+    root = safe_sqrt(problem.weights)
+    residual = root * (problem.record.y - predict(model, problem.record))
+    if problem.threshold is not None:
+        threshold = problem.threshold * problem.range
+        within = jnp.sum((jnp.abs(residual) <= threshold) & (root > 0)) / jnp.sum(root > 0)
+        residual = jnp.clip(residual, -threshold, threshold) / within
+    return root, residual
+
+
+def _value(model, scalar: ScalarParameter) -> Array:
+    """The number behind a scalar parameter."""
+    value = jnp.asarray(getattr(model, scalar.name))
+    return value if scalar.place is None else value[scalar.place]
+
+
+def _prediction(problem: Problem, model, free: tuple[ScalarParameter, ...], numbers) -> Samples:
+    """Output of the model with other numbers for its free parameters."""
+    new = {name: getattr(model, name) for name in dict.fromkeys(s.name for s in free)}
+    for scalar, x in zip(free, numbers, strict=True):
+        row = new[scalar.name]
+        new[scalar.name] = x if scalar.place is None else row.at[scalar.place].set(x)
+    plant = eqx.tree_at(lambda m: [getattr(m, name) for name in new], model, list(new.values()))
+    final = problem.known_levels.final
+    if final is not None:
+        offset = final - problem.record.step_size * plant.gain
+        plant = eqx.tree_at(lambda m: m.offset, plant, offset)
+    return predict(plant, problem.record)
+
+
+class _Covariance(NamedTuple):
+    """A covariance matrix; parameters on a bound, that are no lags, without an effect of their own.
+
+    `effective` is the number of parameters that the residuals have lost freedom by.
+    """
+
+    matrix: Float[Array, "p p"]
+    at_bound: Bool[Array, " p"]
+    absent: Bool[Array, " p"]
+    lost: Bool[Array, " p"]
+    effective: Scalar
+
+
+def _covariance(problem, model, values, root, residual, phi, at_bound) -> _Covariance:
+    free = problem.free_scalars
+    in_a_row = np.array([s.place is not None for s in free])
+    absent = in_a_row & (values == 0) & ~at_bound
+    frozen = absent | _frozen(in_a_row, values, at_bound)
     last = jnp.argsort(frozen)  # a column of zeros before others would take a row from them
-    jacobian = jnp.where(frozen[:, None], 0, columns(prediction, row))[last]
+    jacobian = derivatives(lambda *x: root * _prediction(problem, model, free, x), values)
+    jacobian = jnp.where(frozen[:, None], 0, jacobian)[last]
     size = jnp.sqrt(jnp.sum(jacobian**2, axis=1))
     size = jnp.where(size > 0, size, 1)
     q, r = jnp.linalg.qr((jacobian / size[:, None]).T)
     diagonal = jnp.diagonal(r)
+    # A column of unit length that others explain to 64 eps is rounding, no direction of its own.
     lost = jnp.abs(diagonal) < 64 * jnp.finfo(r.dtype).eps
     r = r + jnp.diag(jnp.where(lost, 1 - diagonal, 0))
     inverse = jax.scipy.linalg.solve_triangular(r, jnp.eye(r.shape[0], dtype=r.dtype))
@@ -115,58 +142,40 @@ def with_errors(
     coloured = q.T @ _correlate(q, phi)
     effective = jnp.trace(coloured)
     variance = jnp.sum(residual**2) / jnp.maximum(jnp.sum(root > 0) - effective, 1)
-    covariance = variance * inverse @ coloured @ inverse.T / size[:, None] / size[None, :]
+    matrix = variance * inverse @ coloured @ inverse.T / size[:, None] / size[None, :]
     place = jnp.argsort(last)
-    covariance, lost = covariance[place][:, place], lost[place]
+    matrix, lost = matrix[place][:, place], lost[place]
     unknown = at_bound | lost
-    covariance = jnp.where(unknown[:, None] | unknown[None, :], jnp.nan, covariance)
-    covariance = jnp.where(absent[:, None] | absent[None, :], 0, covariance)
-    covariance = nan_where(refused(result.status), covariance)
-    errors = safe_sqrt(jnp.diagonal(covariance))
-    vague = ~(at_bound | absent) & (lost | _vague(result, free, row, errors))
-    verdict = Status.where(jnp.any(vague), Status.not_identifiable, Status.successful)
-    bounded = at_bound & jnp.array([name not in ("delay", "gain", "offset") for name in free])
-    details["identifiable"] = ~vague & ~bounded
-    return dataclasses.replace(
-        result,
-        status=first_problem(verdict, result.status),
-        std=_by_name(result, names, sizes, errors, tied),
-        covariance=covariance,
-        details=details | {"effective_parameters": effective},
-    )
+    matrix = jnp.where(unknown[:, None] | unknown[None, :], jnp.nan, matrix)
+    matrix = jnp.where(absent[:, None] | absent[None, :], 0, matrix)
+    return _Covariance(matrix, at_bound, absent, lost, effective)
 
 
-def _frozen(lag: np.ndarray, row: Array, at_bound: Array) -> Array:
+def _frozen(in_a_row: np.ndarray, values: Array, at_bound: Array) -> Array:
     """Parameters to hold while the others vary: those on a bound, of equal lags all but one."""
-    follows = jnp.append(False, lag[1:] & lag[:-1] & (row[1:] == row[:-1]))
+    follows = jnp.append(False, in_a_row[1:] & in_a_row[:-1] & (values[1:] == values[:-1]))
     leads = jnp.append(follows[1:], False) & ~follows
     return at_bound & ~leads
 
 
-def _vague(result, free: tuple[str, ...], row: Array, errors: Array) -> Array:
-    """Parameters whose 95 % interval says next to nothing."""
-    span: dict[str, Any] = {"delay": jnp.inf, "offset": jnp.inf}
-    if isinstance(result.model, Hudzovic | Sani):
-        steps = 1 if isinstance(result.model, Sani) else jnp.maximum(result.model.n - 1, 1)
-        span["r"] = 0.5 / steps
+def _vague(problem: Problem, free, values: Array, errors: Array, refusal) -> Array:
+    """Parameters whose 95 % interval says next to nothing; an offset or dead time may be 0."""
     limits = [
-        jnp.asarray(span.get(name, jnp.abs(value)), row.dtype)
-        for name, value in zip(free, row, strict=True)
+        jnp.inf if s.name in ("delay", "offset") else problem.family.vague_beyond(s.name, value)
+        for s, value in zip(free, values, strict=True)
     ]
-    return ~(1.96 * errors < jnp.stack(limits)) & ~refused(result.status)
+    limits = jnp.stack([jnp.asarray(limit, values.dtype) for limit in limits])
+    return ~(NORMAL_95 * errors < limits) & ~refusal
 
 
-def _by_name(result, names, sizes, errors, tied) -> dict[str, Array]:
-    std = {
-        name: jnp.zeros(jnp.shape(getattr(result.model, name)), errors.dtype)
-        for name in parameter_names(result.model)
-    }
-    position = 0
-    for name, size in zip(names, sizes, strict=True):
-        std[name] = errors[position : position + size].reshape(std[name].shape)
-        position += size
-    if tied:
-        std["offset"] = jnp.abs(result.record.step_size) * std["gain"]
+def _by_name(problem: Problem, model, free, errors: Array) -> dict[str, Array]:
+    """Standard errors by parameter: 0 where it was not found from the record."""
+    std = {n: jnp.zeros(jnp.shape(getattr(model, n)), errors.dtype) for n in model.parameter_names}
+    for scalar, error in zip(free, errors, strict=True):
+        row = std[scalar.name]
+        std[scalar.name] = error if scalar.place is None else row.at[scalar.place].set(error)
+    if problem.known_levels.final is not None:
+        std["offset"] = jnp.abs(problem.record.step_size) * std["gain"]
     return std
 
 

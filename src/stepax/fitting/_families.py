@@ -1,4 +1,4 @@
-r"""Coordinates in which each family is refined: bounded, of order one, regular at their bounds.
+r"""Families of plants in a fit: bounded coordinates, of order one, regular at their bounds.
 
 A family's own parameters map one to one to coordinates; fixing a parameter removes its coordinate.
 
@@ -9,17 +9,20 @@ ratio of the extreme rates; for two lags of damping $\zeta$, $1 - e = 1/\zeta^2$
 where any of them can meet, are their own coordinates: the response is a symmetric function of them.
 """
 
+import abc
 import dataclasses
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, ClassVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .._arrays import Coordinates
-from ..models._plants import FOPDT, SOPDT, AbstractPlant, EqualLag, Hudzovic, PTn, Sani
+from .._arrays import Coordinates, Scalar
+from .._status import Status
+from ..models._abstract import AbstractPlant, AbstractSpreadChain
+from ..models._plants import FOPDT, SOPDT, EqualLag, PTn
 from ..models._responses import MAX_REAL_ORDER
 from ..models._spread import chain_of_ratio
 
@@ -30,62 +33,119 @@ CONTRAST = (0.0, 1.0)
 LAG = (0.0, 1e4)
 """Bounds of a lag, relative to the sum of the lags at the start."""
 APART = 0.01
-"""Least relative distance of two lags at the start."""
+"""Least relative distance of two lags at the start: at one place the fit could not part them."""
 LOG_ORDER = (math.log(0.3), math.log(MAX_REAL_ORDER))
 LOG_DAMPING = (math.log1p(200.0**-2), math.log1p(0.005**-2))
 """Bounds of $\\ln(1 + 1/\\zeta^2)$: damping from 200 down to 0.005."""
 
 
-class Family(NamedTuple):
-    """`names` of the own parameters, one coordinate each (all coordinates for `lags`).
+class AbstractFamily(eqx.Module):
+    """How one family of plants is refined, around one of its models.
 
-    `encode(model)` gives coordinates, `decode(coordinates, model, exact)` own parameters; what is
-    not a coordinate, the order of a chain, is taken from the model. At the end of a contrast the
-    slope of r is infinite: `decode` stays a rounding error inside unless `exact`. `bounds` hold
-    for a record of unit length; `time_powers` is how each coordinate moves with the logarithm of
-    the length. `shortened(coordinates, model, lag)` gives the coordinates with the second lag, or
-    the shortest of several, set to a value, and what it was; None where there is but one.
+    Times are measured in a `unit`, the length of the record. What is not a coordinate, the order of
+    a chain, is taken from the model.
     """
 
-    names: tuple[str, ...]
-    encode: Callable[[AbstractPlant], Array]
-    decode: Callable[[Coordinates, AbstractPlant, bool], dict[str, Array]]
-    bounds: tuple[tuple[float, float], ...]
-    time_powers: tuple[float, ...]
-    shortened: Callable[[list[Array], AbstractPlant, Array], tuple[list[Array], Array]] | None = (
-        None
-    )
+    model: eqx.AbstractVar[Any]
+
+    shape_name: ClassVar[str | None] = None
+    """The parameter that tells how far the lags lie apart, where there is one."""
+
+    @property
+    @abc.abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """Parameter behind each coordinate; `lags` stands behind several."""
+
+    @property
+    @abc.abstractmethod
+    def bounds(self) -> tuple[tuple[float, float], ...]:
+        """Range of each coordinate."""
+
+    @property
+    @abc.abstractmethod
+    def scaling(self) -> tuple[bool, ...]:
+        """Which coordinate is the logarithm of the unit of time: it stretches the response."""
+
+    @abc.abstractmethod
+    def encode(self, unit: Scalar) -> Array:
+        """Coordinates of the model."""
+
+    @abc.abstractmethod
+    def decode(self, x: Coordinates, unit: Scalar, exact: bool) -> dict[str, Array]:
+        """Own parameters at coordinates.
+
+        At the end of a contrast the slope of r is infinite: what comes out stays a rounding error
+        inside unless `exact`.
+        """
+
+    @property
+    def kinked(self) -> bool:
+        """Whether the slope of the response jumps where the dead time ends."""
+        return False
+
+    @property
+    def individual(self) -> bool:
+        """Whether the coordinates are lags, of which any can meet."""
+        return False
+
+    @property
+    def absent(self) -> Array:
+        """Which coordinates belong to lags of 0: those do not vary."""
+        return jnp.zeros(len(self.names), bool)
+
+    def end_status(self, name: str, coordinate: Scalar) -> Status:
+        """What it means that the coordinate of a parameter lies on a bound."""
+        del name, coordinate
+        return Status.at_bound
+
+    def vague_beyond(self, name: str, value: Array) -> Any:
+        """Half width of an interval of a parameter that says next to nothing.
+
+        What is positive by nature, and a gain, should differ from 0.
+        """
+        del name
+        return jnp.abs(value)
+
+    def shortened(
+        self, x: list[Array], unit: Scalar, lag: Scalar
+    ) -> tuple[list[Array], Scalar] | None:
+        """Coordinates with the second lag, or the shortest of several, set to `lag`; what it was.
+
+        None for families that have but one.
+        """
+        del x, unit, lag
+        return None
+
+    def with_order(self, n: Array) -> AbstractPlant | None:
+        """A chain of another order with the same sum of lags and ratio of rates; None without n."""
+        del n
+        return None
 
 
-def family_of(model: AbstractPlant) -> Family:
-    """Coordinates of a model's family."""
-    if isinstance(model, Hudzovic | Sani):
-        bounds = (LOG_TIME, CONTRAST)
-        return Family(("T", "r"), _encode_chain, _decode_chain, bounds, (1, 0), _shortened_chain)
-    if isinstance(model, FOPDT) or _is_whole(model):
-        return Family(("T",), _encode_T, _decode_T, (LOG_TIME,), (1,))
+def family_of(model: AbstractPlant) -> AbstractFamily:
+    """The family of a model: the one place where its class is asked for."""
+    if isinstance(model, AbstractSpreadChain):
+        return SpreadFamily(model)
+    if isinstance(model, FOPDT):
+        return FirstOrderFamily(model)
     if isinstance(model, EqualLag):
-        bounds = (LOG_TIME, LOG_ORDER)
-        return Family(("T", "n"), _encode_equal_lags, _decode_equal_lags, bounds, (1, 0))
+        return WholeOrderFamily(model) if model.is_whole else RealOrderFamily(model)
     if isinstance(model, SOPDT):
-        bounds, names = (LOG_DAMPING, LOG_TIME), ("zeta", "omega_n")
-        return Family(names, _encode_second, _decode_second, bounds, (0, 1), _shortened_second)
+        return SecondOrderFamily(model)
     if isinstance(model, PTn):
-        count = model.lags.shape[0]
-        bounds, powers = (LAG,) * count, (0,) * count
-        shortened = _shortened_lags if count > 1 else None
-        return Family(("lags",), _encode_lags, _decode_lags, bounds, powers, shortened)
+        return IndividualFamily(model)
     raise TypeError(f"refine needs a stepax model, got {type(model).__name__}.")
 
 
-def _is_whole(model) -> bool:
-    if not isinstance(model, EqualLag):
-        return False
-    return isinstance(model.n, int) or jnp.issubdtype(model.n.dtype, jnp.integer)
+# The contrast of two lags
 
 
 def _inside(dtype) -> tuple[float, float]:
-    """Distances of a contrast from its ends: at equal lags, and at a single lag."""
+    """Distances of a contrast from its ends: at equal lags, and at a single lag.
+
+    At equal lags s differs from 1 by the root of it, eps^(1/3): there the response still changes by
+    more than rounding. `tests/fitting` compares gradients at both ends with differences.
+    """
     eps = float(jnp.finfo(dtype).eps)
     return eps ** (2 / 3), eps**0.5
 
@@ -104,97 +164,208 @@ def _decode_ratio(x, exact: bool = False) -> Array:
     return jnp.where(x <= 0, 1, jnp.where(x >= 1, 0, s)) if exact else s
 
 
-def _encode_chain(model) -> Array:
-    """ln of the sum of the lags, and the contrast of the extreme rates."""
-    s = model.r if isinstance(model, Sani) else 1 - (model.n - 1) * model.r
-    return jnp.stack([jnp.log(jnp.sum(model.lags)), _encode_ratio(s)])
+# The families
 
 
-def _decode_chain(x, model, exact) -> dict[str, Array]:
-    s = _decode_ratio(x[1], exact)
-    if isinstance(model, Hudzovic):  # r = 1/(n-1) is outside its range
-        s = jnp.where(x[1] >= 1, _decode_ratio(x[1], False), s)
-    chain = chain_of_ratio(type(model), s, model.n)
-    return {"T": chain.T * jnp.exp(x[0]), "r": chain.r}
+class SpreadFamily(AbstractFamily):
+    """Hudzovic's and Sani's chains: ln of the sum of the lags, and the contrast of the rates."""
+
+    model: AbstractSpreadChain
+    shape_name: ClassVar[str | None] = "r"
+    names: ClassVar[Any] = ("T", "r")
+    bounds: ClassVar[Any] = (LOG_TIME, CONTRAST)
+    scaling: ClassVar[Any] = (True, False)
+
+    def encode(self, unit: Scalar) -> Array:
+        """ln of the sum of the lags, and the contrast."""
+        return jnp.stack(
+            [jnp.log(jnp.sum(self.model.lags) / unit), _encode_ratio(self.model.ratio)]
+        )
+
+    def decode(self, x: Coordinates, unit: Scalar, exact: bool) -> dict[str, Array]:
+        """T and r."""
+        s = _decode_ratio(x[1], exact)
+        if not self.model.reaches_first_order:
+            s = jnp.where(x[1] >= 1, _decode_ratio(x[1], False), s)
+        chain = chain_of_ratio(type(self.model), s, self.model.n)
+        return {"T": chain.T * unit * jnp.exp(x[0]), "r": chain.r}
+
+    def end_status(self, name: str, coordinate: Scalar) -> Status:
+        """Of r: equal lags, or one lag where the family has that."""
+        if name != "r":
+            return Status.at_bound
+        first = Status.at_first_order if self.model.reaches_first_order else Status.at_bound
+        return Status.where(coordinate <= 0, Status.at_equal_lags, first)
+
+    def vague_beyond(self, name: str, value: Array) -> Any:
+        """Half of the range of r."""
+        return 0.5 * self.model.width_of_r(self.model.n) if name == "r" else jnp.abs(value)
+
+    def shortened(self, x: list[Array], unit: Scalar, lag: Scalar) -> tuple[list[Array], Scalar]:
+        """The last lag as if the chain had two."""
+        total = unit * jnp.exp(x[0])
+        return [x[0], _encode_ratio(lag / total)], _decode_ratio(x[1]) * total
+
+    def with_order(self, n: Array) -> AbstractPlant:
+        """The same sum of lags and ratio."""
+        other = SpreadFamily(dataclasses.replace(self.model, n=n))
+        unit = jnp.ones_like(self.model.T)
+        return dataclasses.replace(other.model, **other.decode(self.encode(unit), unit, False))
 
 
-def _encode_T(model) -> Array:
-    return jnp.log(jnp.reshape(model.T, (1,)))
+class FirstOrderFamily(AbstractFamily):
+    """One lag: ln T."""
+
+    model: FOPDT
+    names: ClassVar[Any] = ("T",)
+    bounds: ClassVar[Any] = (LOG_TIME,)
+    scaling: ClassVar[Any] = (True,)
+    kinked: ClassVar[Any] = True
+
+    def encode(self, unit: Scalar) -> Array:
+        """ln T."""
+        return jnp.log(jnp.reshape(self.model.T / unit, (1,)))
+
+    def decode(self, x: Coordinates, unit: Scalar, exact: bool) -> dict[str, Array]:
+        """T."""
+        return {"T": unit * jnp.exp(x[0])}
 
 
-def _decode_T(x, model, exact) -> dict[str, Array]:
-    return {"T": jnp.exp(x[0])}
+class WholeOrderFamily(AbstractFamily):
+    """Equal lags whose number is given: ln T."""
+
+    model: EqualLag
+    names: ClassVar[Any] = ("T",)
+    bounds: ClassVar[Any] = (LOG_TIME,)
+    scaling: ClassVar[Any] = (True,)
+
+    def encode(self, unit: Scalar) -> Array:
+        """ln T."""
+        return jnp.log(jnp.reshape(self.model.T / unit, (1,)))
+
+    def decode(self, x: Coordinates, unit: Scalar, exact: bool) -> dict[str, Array]:
+        """T."""
+        return {"T": unit * jnp.exp(x[0])}
+
+    def with_order(self, n: Array) -> AbstractPlant:
+        """The same sum of lags."""
+        return dataclasses.replace(self.model, T=self.model.T * self.model.n / n, n=n)
 
 
-def _encode_equal_lags(model) -> Array:
-    return jnp.stack([jnp.log(model.T * model.n), jnp.log(model.n)])
+class RealOrderFamily(AbstractFamily):
+    """Equal lags whose number is sought: ln nT, and ln n."""
+
+    model: EqualLag
+    names: ClassVar[Any] = ("T", "n")
+    bounds: ClassVar[Any] = (LOG_TIME, LOG_ORDER)
+    scaling: ClassVar[Any] = (True, False)
+
+    def encode(self, unit: Scalar) -> Array:
+        """ln nT and ln n."""
+        n = self.model.n
+        return jnp.stack([jnp.log(self.model.T * n / unit), jnp.log(n)])  # pyright: ignore[reportArgumentType]
+
+    def decode(self, x: Coordinates, unit: Scalar, exact: bool) -> dict[str, Array]:
+        """T and n."""
+        return {"T": unit * jnp.exp(x[0] - x[1]), "n": jnp.exp(x[1])}
 
 
-def _decode_equal_lags(x, model, exact) -> dict[str, Array]:
-    return {"T": jnp.exp(x[0] - x[1]), "n": jnp.exp(x[1])}
-
-
-def _encode_second(model) -> Array:
-    r"""$\ln(1 + 1/\zeta^2)$, and $\ln\sqrt{1 + 4\zeta^2}/\omega_n$.
+class SecondOrderFamily(AbstractFamily):
+    r"""Two poles: $\ln(1 + 1/\zeta^2)$, and $\ln\sqrt{1 + 4\zeta^2}/\omega_n$.
 
     The second is the period where the plant oscillates and the sum of its lags where it creeps.
     """
-    period = jnp.log1p(4 * model.zeta**2) / 2 - jnp.log(model.omega_n)
-    return jnp.stack([jnp.log1p(model.zeta**-2), period])
+
+    model: SOPDT
+    shape_name: ClassVar[str | None] = "zeta"
+    names: ClassVar[Any] = ("zeta", "omega_n")
+    bounds: ClassVar[Any] = (LOG_DAMPING, LOG_TIME)
+    scaling: ClassVar[Any] = (False, True)
+
+    def encode(self, unit: Scalar) -> Array:
+        """Damping and period."""
+        return encode_second_order(self.model.zeta, self.model.omega_n, unit)
+
+    def decode(self, x: Coordinates, unit: Scalar, exact: bool) -> dict[str, Array]:
+        """zeta and omega_n."""
+        return decode_second_order(x, unit)
+
+    def shortened(self, x: list[Array], unit: Scalar, lag: Scalar) -> tuple[list[Array], Scalar]:
+        """Lags of ratio s have 1/zeta^2 = 4 s/(1 + s)^2; all that oscillates counts as s = 1."""
+        total = unit * jnp.exp(x[1])
+        square = jnp.minimum(jnp.expm1(x[0]), 1)
+        before = square / (1 + jnp.sqrt(1 - square)) ** 2 * total
+        s = lag / total
+        return [jnp.log1p(4 * s / (1 + s) ** 2), x[1]], before
 
 
-def _decode_second(x, model, exact) -> dict[str, Array]:
+def encode_second_order(zeta: Scalar, omega_n: Scalar, unit: Scalar) -> Array:
+    """Coordinates of damping and period."""
+    period = jnp.log1p(4 * zeta**2) / 2 - jnp.log(omega_n * unit)
+    return jnp.stack([jnp.log1p(zeta**-2), period])
+
+
+def decode_second_order(x: Coordinates, unit: Scalar) -> dict[str, Array]:
+    """zeta and omega_n at coordinates."""
     zeta = 1 / jnp.sqrt(jnp.expm1(x[0]))
-    return {"zeta": zeta, "omega_n": jnp.sqrt(1 + 4 * zeta**2) * jnp.exp(-x[1])}
+    return {"zeta": zeta, "omega_n": jnp.sqrt(1 + 4 * zeta**2) * jnp.exp(-x[1]) / unit}
 
 
-def _shortened_chain(full, model, lag) -> tuple[list[Array], Array]:
-    total = jnp.exp(full[0])
-    before = _decode_ratio(full[1]) * total
-    return [full[0], _encode_ratio(lag / total)], before
+class IndividualFamily(AbstractFamily):
+    """Individual lags: themselves, over their sum at the start, largest first."""
 
+    model: PTn
+    shape_name: ClassVar[str | None] = "lags"
+    individual: ClassVar[Any] = True
 
-def _shortened_second(full, model, lag) -> tuple[list[Array], Array]:
-    """Two lags of ratio s have 1/zeta^2 = 4 s/(1 + s)^2; all that oscillates counts as s = 1."""
-    total = jnp.exp(full[1])
-    square = jnp.minimum(jnp.expm1(full[0]), 1)
-    before = square / (1 + jnp.sqrt(1 - square)) ** 2 * total
-    s = lag / total
-    return [jnp.log1p(4 * s / (1 + s) ** 2), full[1]], before
+    @property
+    def names(self) -> tuple[str, ...]:
+        """`lags` for each."""
+        return ("lags",) * self.model.lags.shape[0]
 
+    @property
+    def bounds(self) -> tuple[tuple[float, float], ...]:
+        """The same range for each."""
+        return (LAG,) * self.model.lags.shape[0]
 
-def _shortened_lags(full, model, lag) -> tuple[list[Array], Array]:
-    row = jnp.stack(full)
-    place = jnp.argmin(jnp.where(present_lags(model), row, jnp.inf))
-    unit = unit_of_lags(model).astype(row.dtype)
-    return list(row.at[place].set(lag / unit)), row[place] * unit
+    @property
+    def scaling(self) -> tuple[bool, ...]:
+        """None alone stretches the response."""
+        return (False,) * self.model.lags.shape[0]
 
+    @property
+    def kinked(self) -> bool:
+        """Where there is but one lag."""
+        return self.model.lags.shape == (1,)
 
-def _encode_lags(model) -> Array:
-    """Lags over their sum, largest first; equal ones a little apart, where a fit can part them."""
-    lags = -jnp.sort(-model.lags)
-    apart = 1 + APART * jnp.linspace(1, -1, lags.size, dtype=lags.dtype)
-    return lags / unit_of_lags(model) * (apart if lags.size > 1 else 1)
+    @property
+    def sum_at_start(self) -> Array:
+        """Unit of the coordinates."""
+        return jax.lax.stop_gradient(jnp.sum(self.model.lags))
 
+    @property
+    def absent(self) -> Array:
+        """A lag of 0 at the start, where they stand largest first, is none and stays none."""
+        return ~(-jnp.sort(-self.model.lags) > 0)
 
-def _decode_lags(x, model, exact) -> dict[str, Array]:
-    row = jnp.stack(list(x))
-    return {"lags": row * unit_of_lags(model).astype(row.dtype)}
+    def encode(self, unit: Scalar) -> Array:
+        """Lags largest first; equal ones a little apart, where a fit can part them."""
+        lags = -jnp.sort(-self.model.lags)
+        apart = 1 + APART * jnp.linspace(1, -1, lags.size, dtype=lags.dtype)
+        return lags / self.sum_at_start * (apart if lags.size > 1 else 1)
 
+    def decode(self, x: Coordinates, unit: Scalar, exact: bool) -> dict[str, Array]:
+        """The lags."""
+        row = jnp.stack(list(x))
+        return {"lags": row * self.sum_at_start.astype(row.dtype)}
 
-def unit_of_lags(model: Any) -> Array:
-    """Unit of the lags: the sum of those of the start."""
-    return jax.lax.stop_gradient(jnp.sum(model.lags))
-
-
-def present_lags(model: Any) -> Array:
-    """Which of the lags of a start, largest first, are lags: a lag of 0 is none and stays none."""
-    return -jnp.sort(-model.lags) > 0
-
-
-def with_order(model, n: Array):
-    """A chain of another order with the same sum of lags and ratio of extreme rates."""
-    if isinstance(model, EqualLag):
-        return dataclasses.replace(model, T=model.T * model.n / n, n=n)
-    family, other = family_of(model), dataclasses.replace(model, n=n)
-    return dataclasses.replace(other, **family.decode(family.encode(model), other, False))
+    def shortened(
+        self, x: list[Array], unit: Scalar, lag: Scalar
+    ) -> tuple[list[Array], Scalar] | None:
+        """The shortest lag that is one."""
+        if len(x) == 1:
+            return None
+        row = jnp.stack(x)
+        place = jnp.argmin(jnp.where(self.absent, jnp.inf, row))
+        total = self.sum_at_start.astype(row.dtype)
+        return list(row.at[place].set(lag / total)), row[place] * total

@@ -12,15 +12,22 @@ import numpy as np
 from jaxtyping import Array
 
 from ..models._contour import chain_curvature
-from ._families import unit_of_lags
-from ._problem import Fit, least_loss
+from ..records._record import input_response
+from ._problem import Problem, least_loss
 
 
 MERGED = (1e-4, 1e-3, 1e-2, 0.1)
-"""Relative distances of neighbouring lags at which it is tried whether they are equal."""
+"""Relative distances of neighbouring lags at which it is tried whether they are equal.
+
+The response moves with the square of such a distance: how near to each other a fit brings equal
+lags depends on the noise, so that several are tried."""
 
 ITERATIONS = 12
-"""Of the simultaneous iteration for all roots; it squares the error each time."""
+"""Of the simultaneous iteration for all roots.
+
+Near separate roots it squares the error each time, near double ones it halves it: 12 halvings and
+what the test of `settled` then refuses is a plain step.
+"""
 
 
 def symmetric_step(lags: Array, step: Array) -> Array:
@@ -53,42 +60,42 @@ def symmetric_step(lags: Array, step: Array) -> Array:
     return jnp.where(real, z, start)
 
 
-def curvature(fit: Fit, x: Array) -> Array:
+def curvature(problem: Problem, x: Array) -> Array:
     r"""$\sum_i r_i \nabla^2 r_i$ of individual lags, the levels and the dead time held.
 
     Where two lags meet, the slope in their difference vanishes and this tells the way.
     """
-    plant: Any = fit.shape(x)
-    since = fit.elapsed - plant.delay
-    g = plant.unit_response(since)
-    slope = jax.grad(lambda g: jnp.sum(fit.residual(x, g) ** 2) / 2)(g)
-    unit = unit_of_lags(fit.model).astype(g.dtype)
+    plant: Any = problem.shape(x)
+    since = problem.record.elapsed - plant.delay
+    g = input_response(problem.record, plant)
+    slope = jax.grad(lambda g: jnp.sum(problem.residual(x, g) ** 2) / 2)(g)
+    family: Any = problem.family
+    unit = family.sum_at_start.astype(g.dtype)
     block = chain_curvature(since, plant.lags, slope) * unit**2
     size = plant.lags.size
     return jnp.zeros((x.size, x.size), block.dtype).at[:size, :size].set(block)
 
 
-def along(fit: Fit, x: Array, step: Array) -> Array:
+def retract(problem: Problem, x: Array, step: Array) -> Array:
     """The end of a step of individual lags that keeps to the valley of nearly equal losses."""
-    size = fit.own_free.size
+    size = problem.own_free.size
     return (x + step).at[:size].set(symmetric_step(x[:size], step[:size]))
 
 
-def in_order(fit: Fit, x: Array) -> Array:
+def in_order(problem: Problem, x: Array) -> Array:
     """Coordinates with individual lags largest first, and equal where the loss does not mind.
 
     Of the lags that lie within a tolerance of their neighbours all take their mean; of several
     tolerances the largest is kept at which the loss does not rise.
     """
-    if not fit.individual:
+    if not problem.individual:
         return x
-    size = fit.own_free.size
+    size = problem.own_free.size
     x = x.at[:size].set(-jnp.sort(-x[:size]))
 
-    def loss(x):
-        return jnp.sum(fit.residual(x) ** 2)
-
-    limit = loss(x) * (1 + jnp.finfo(x.dtype).eps ** 0.5) + least_loss(x.dtype, fit.record)
+    limit = problem.loss(x) * (1 + jnp.finfo(x.dtype).eps ** 0.5) + least_loss(
+        x.dtype, problem.record
+    )
 
     def merge(best, tolerance):
         lags = x[:size]
@@ -97,17 +104,17 @@ def in_order(fit: Fit, x: Array) -> Array:
         sums = jnp.zeros_like(lags).at[group].add(lags)
         means = sums / jnp.maximum(jnp.zeros_like(lags).at[group].add(1), 1)
         merged = x.at[:size].set(means[group])
-        return jnp.where(loss(merged) <= limit, merged, best), None
+        return jnp.where(problem.loss(merged) <= limit, merged, best), None
 
     return jax.lax.scan(merge, x, jnp.asarray(MERGED, x.dtype))[0]
 
 
-def means_of_equal(fit: Fit, x: Array) -> Array:
+def means_of_equal(problem: Problem, x: Array) -> Array:
     """Matrix that gives each coordinate the mean of those equal to it: lags alone can be."""
-    if not fit.individual:
+    if not problem.individual:
         return jnp.eye(x.size, dtype=x.dtype)
-    size = fit.own_free.size
-    equal = (x[:size, None] == x[None, :size]) & ~fit.absent[:, None] & ~fit.absent[None, :]
+    size = problem.own_free.size
+    equal = (x[:size, None] == x[None, :size]) & ~problem.absent[:, None] & ~problem.absent[None, :]
     equal = equal | np.eye(size, dtype=bool)
     mean = equal / jnp.sum(equal, axis=1, keepdims=True)
     return jnp.eye(x.size, dtype=x.dtype).at[:size, :size].set(mean.astype(x.dtype))

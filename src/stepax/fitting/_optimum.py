@@ -1,4 +1,4 @@
-r"""The optimum of a fit, and its derivatives by the implicit function theorem."""
+r"""The optimum of a problem, and its derivatives by the implicit function theorem."""
 
 from typing import NamedTuple
 
@@ -9,9 +9,9 @@ import optimistix as optx
 from jaxtyping import Array
 
 from .._arrays import Count, Flag
-from ._individual_lags import along, curvature, in_order, means_of_equal
-from ._problem import Fit
-from ._solver import BoundedLevenbergMarquardt, columns, free_parameters, solve_positive
+from ._individual_lags import curvature, in_order, means_of_equal, retract
+from ._problem import Problem
+from ._solver import BoundedLevenbergMarquardt, derivatives, free_parameters, solve_positive
 
 
 CELLS = 5
@@ -30,7 +30,7 @@ class Optimum(NamedTuple):
 
 
 @eqx.filter_custom_jvp
-def optimum(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
+def optimum(problem: Problem, start: Array, solver, max_steps: int) -> Optimum:
     """Coordinates of the least loss, from `start`.
 
     The cost of a first-order plant has a kink and often a minimum wherever the dead time meets a
@@ -40,25 +40,25 @@ def optimum(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
     """
     if start.size == 0:
         return Optimum(start, jnp.array(True), jnp.array(0))
-    lower, upper = fit.bounds()
+    lower, upper = problem.bounds()
     ours = isinstance(solver, BoundedLevenbergMarquardt)
-    if ours and fit.kinked:
-        found = _between_samples(fit, start, solver, max_steps)
-    elif ours and fit.second_start(start) is not None:
-        found = _from_two_starts(fit, start, solver, max_steps)
+    if ours and problem.kinked:
+        found = _between_samples(problem, start, solver, max_steps)
+    elif ours and problem.second_start(start) is not None:
+        found = _from_two_starts(problem, start, solver, max_steps)
     else:
-        found = _solve(fit, start, lower, upper, solver, max_steps)[0]
-    return found._replace(x=in_order(fit, found.x))
+        found = _solve(problem, start, lower, upper, solver, max_steps)[0]
+    return found._replace(x=in_order(problem, found.x))
 
 
-def _from_two_starts(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
+def _from_two_starts(problem: Problem, start: Array, solver, max_steps: int) -> Optimum:
     """The better of the optima from `start` and from the second start that the first suggests."""
-    lower, upper = fit.bounds()
+    lower, upper = problem.bounds()
 
     def search(best, second):
         best, least = best
-        begin = jnp.where(second, jnp.asarray(fit.second_start(best.x)), best.x)
-        found, cost = _solve(fit, begin, lower, upper, solver, max_steps)
+        begin = jnp.where(second, jnp.asarray(problem.second_start(best.x)), best.x)
+        found, cost = _solve(problem, begin, lower, upper, solver, max_steps)
         steps = best.steps + found.steps
         found, cost = jax.tree.map(
             lambda new, old: jnp.where(cost <= least, new, old), (found, cost), (best, least)
@@ -69,17 +69,17 @@ def _from_two_starts(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
     return jax.lax.scan(search, nothing, jnp.array([False, True]))[0][0]
 
 
-def _between_samples(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
+def _between_samples(problem: Problem, start: Array, solver, max_steps: int) -> Optimum:
     """The best of the optima in the intervals between samples around a first estimate."""
-    lower, upper = fit.bounds()
-    place = fit.delay_place
+    lower, upper = problem.bounds()
+    place = problem.delay_place
     loose = jnp.maximum(LOOSE, solver.rtol)
 
     def search(first, cell):
-        left, right = _cell(fit, first.x[place], upper[place], cell)
+        left, right = _cell(problem, first.x[place], upper[place], cell)
         low, high = lower.at[place].set(left), upper.at[place].set(right)
         within = eqx.tree_at(lambda s: s.rtol, solver, jnp.where(cell < 0, loose, solver.rtol))
-        found, cost = _solve(fit, jnp.clip(first.x, low, high), low, high, within, max_steps)
+        found, cost = _solve(problem, jnp.clip(first.x, low, high), low, high, within, max_steps)
         first = jax.tree.map(lambda a, b: jnp.where(cell < 0, a, b), found, first)
         return first, (found, jnp.where(cell < 0, jnp.inf, cost))
 
@@ -89,15 +89,15 @@ def _between_samples(fit: Fit, start: Array, solver, max_steps: int) -> Optimum:
     return best._replace(steps=first.steps + best.steps)
 
 
-def _solve(fit, start, lower, upper, solver, max_steps) -> tuple[Optimum, Array]:
-    options = {"lower": lower, "upper": upper, "linearised": Fit.linearised}
-    if fit.individual and start.size > 1:
-        options |= {"curvature": curvature, "along": along}
+def _solve(problem, start, lower, upper, solver, max_steps) -> tuple[Optimum, Array]:
+    options = {"lower": lower, "upper": upper, "linearised": Problem.linearised}
+    if problem.individual and start.size > 1:
+        options |= {"curvature": curvature, "retract": retract}
     solution = optx.least_squares(
-        lambda x, fit: fit.residual(x),
+        lambda x, fit: problem.residual(x),
         solver,
         tuple(start),
-        fit,
+        problem,
         options=options,
         max_steps=max_steps,
         throw=False,
@@ -108,12 +108,12 @@ def _solve(fit, start, lower, upper, solver, max_steps) -> tuple[Optimum, Array]
     return Optimum(x, converged, solution.stats["num_steps"]), cost
 
 
-def _cell(fit: Fit, delay: Array, longest: Array, cell: Count) -> tuple[Array, Array]:
+def _cell(problem: Problem, delay: Array, longest: Array, cell: Count) -> tuple[Array, Array]:
     """Ends of the interval number `cell` of those around a dead time; below 0: the whole range.
 
     They lie a rounding error inside, where the slope of the response at the sample is one-sided.
     """
-    elapsed = (fit.record.t - fit.record.step_time) / fit.duration
+    elapsed = problem.record.elapsed / problem.record.duration
     place = jnp.searchsorted(elapsed, delay, side="right") - 1 - CELLS // 2 + cell
     index = jnp.clip(jnp.stack([place, place + 1]), 0, elapsed.size - 1)
     left, right = jnp.clip(elapsed[index], 0, longest)
@@ -131,32 +131,32 @@ def _optimum_jvp(primals, tangents):
     is left there tells; equal lags move together. The matrix is the Hessian; where a dead time
     leaves it indefinite, $J^\top J$.
     """
-    fit, start, *_ = primals
+    problem, start, *_ = primals
     found = optimum(*primals)
     x = found.x
     if start.size == 0:
         return found, Optimum(jnp.zeros_like(x), None, None)  # pyright: ignore[reportArgumentType]
 
-    def gradient(x, fit):
-        residual, pullback = jax.vjp(fit.residual, x)
+    def gradient(x, problem):
+        residual, pullback = jax.vjp(problem.residual, x)
         return pullback(residual)[0]
 
-    lower, upper = fit.bounds()
-    slope = gradient(x, fit)
+    lower, upper = problem.bounds()
+    slope = gradient(x, problem)
     free = free_parameters(x, slope, lower, upper)
-    hessian = jax.jacfwd(gradient)(x, fit)
-    if fit.kinked:
-        place = fit.delay_place
+    hessian = jax.jacfwd(gradient)(x, problem)
+    if problem.kinked:
+        place = problem.delay_place
         tiny = jnp.finfo(x.dtype).tiny
         promised = slope[place] ** 2 / jnp.maximum(jnp.abs(hessian[place, place]), tiny)
-        residual = fit.residual(x)
+        residual = problem.residual(x)
         free = free.at[place].set(free[place] & (promised <= 1e-7 * residual @ residual))
-    _, change = eqx.filter_jvp(lambda fit: gradient(x, fit), (fit,), (tangents[0],))
-    mean = means_of_equal(fit, x)
+    _, change = eqx.filter_jvp(lambda problem: gradient(x, problem), (problem,), (tangents[0],))
+    mean = means_of_equal(problem, x)
     change = mean @ change
     scaled, scale = _scaled(hessian, free, mean)
-    if fit.free_delay:
-        jacobian = columns(lambda *x: fit.residual(x), x)
+    if problem.free_delay:
+        jacobian = derivatives(lambda *x: problem.residual(x), x)
         definite = jnp.linalg.eigvalsh(scaled)[0] > jnp.finfo(x.dtype).eps ** 0.75
         normal, normal_scale = _scaled(jacobian @ jacobian.T, free, mean)
         scaled, scale = jax.tree.map(

@@ -13,7 +13,7 @@ from .._arrays import Flag, Scalar
 
 
 REFUSED = 0.1
-"""Least damping after a step that did not lower the cost."""
+"""Least damping after a step that did not lower the cost: from below it would take many more."""
 
 
 class _State(eqx.Module):
@@ -44,8 +44,10 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
     Where residuals are so curved that their Jacobian loses a direction, `options["curvature"]`,
     a function of (args, y), adds $\sum_i r_i \nabla^2 r_i$ to the normal matrix, whose negative
-    eigenvalues then count as positive ones; `options["along"]`, a function of (args, y, step),
+    eigenvalues then count as positive ones; `options["retract"]`, a function of (args, y, step),
     gives the end of a step on the curve that follows the valley, with the step as its tangent.
+    `options["linearised"]`, a function of (args, y), gives residuals and a list of their
+    derivatives at once, where a caller can share work between them.
 
     Parameters are a tuple of numbers, or a row of them. With a tuple, the derivative in one does
     not compute what depends on the others alone. Bounds come in `options`: `dict(lower=...,
@@ -79,62 +81,52 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         del tags
         lower, upper = options["lower"], options["upper"]
         new, like, y = state.candidate, y, jnp.stack(list(y))
-        if "linearised" in options:
-            (residual, jacobian), aux = options["linearised"](args, new), None
-        else:
-            residual, aux = fn(_similar(new, like), args)
-            jacobian = columns(lambda *x: fn(_similar(jnp.stack(x), like, x), args)[0], new)
+        residual, jacobian, aux = _evaluated(fn, new, like, args, options)
         products = inner_products([*jacobian, residual])
         cost = 0.5 * products[-1, -1]
         cost = jnp.where(jnp.isfinite(cost), cost, jnp.inf)
-        first = jnp.isinf(state.cost)
         better = cost < state.cost
-        ratio = (state.cost - cost) / jnp.where(state.predicted > 0, state.predicted, 1)
-        shrink = jnp.maximum(0.1, 1 - (2 * jnp.clip(ratio, 0, 1) - 1) ** 3)
         curved = "curvature" in options
-        more = jnp.maximum(state.damping * state.growth, 0 if curved else REFUSED)
-        damping = jnp.where(better, state.damping * shrink, more)
-        damping = jnp.where(first, state.damping, damping)
-        growth = jnp.where(better, 2, (4 if curved else 2) * state.growth)
+        damping, growth = _next_damping(state, cost, better, curved)
 
         y = jnp.where(better, new, y)
         cost = jnp.where(better, cost, state.cost)
         gradient = jnp.where(better, products[:-1, -1], state.gradient)
         normal = products[:-1, :-1]
         if curved:
-            curvature = options["curvature"](args, new)
-            normal = _positive(normal, curvature, lower < upper)
+            normal = _positive(normal, options["curvature"](args, new), lower < upper)
         matrix = jnp.where(better, normal, state.matrix)
 
         free = free_parameters(y, gradient, lower, upper)
         full = _damped_step(matrix, gradient, free, jnp.zeros_like(damping))
-        decrease = -0.5 * gradient @ full
         candidate = _bounded_step(matrix, gradient, free, damping, y, lower, upper)
         move = candidate - y
         predicted = -(gradient @ move) - 0.5 * move @ matrix @ move
-        if "along" in options:
-            candidate = jnp.clip(options["along"](args, y, move), lower, upper)
+        if "retract" in options:
+            candidate = jnp.clip(options["retract"](args, y, move), lower, upper)
 
-        eps = jnp.finfo(y.dtype).eps
-        stalled = (damping > 1 / eps) | (jnp.max(jnp.abs(move)) <= eps * jnp.max(jnp.abs(y)))
-        good = (decrease <= self.rtol * cost) | (cost <= self.atol)
-        stalled = stalled | ((damping > 1) & (predicted <= self.rtol**0.75 * cost))
+        good = (-0.5 * gradient @ full <= self.rtol * cost) | (cost <= self.atol)
+        stalled = self._stalled(y, move, damping, predicted, cost)
         finite = jnp.isfinite(cost)
+        converged, failed = finite & (good | stalled), ~finite
         new_state = _State(
-            candidate=candidate,
-            predicted=predicted,
-            cost=cost,
-            gradient=gradient,
-            matrix=matrix,
-            damping=damping,
-            growth=growth,
-            converged=finite & (good | stalled),
-            failed=~finite,
+            candidate, predicted, cost, gradient, matrix, damping, growth, converged, failed
         )
-        # A short step that promises next to nothing is taken without a last look.
+        # A short step that promises next to nothing is taken without a last look. Short is a
+        # cube root: a quadratic model errs by its cube, which is rtol then.
         short = jnp.max(jnp.abs(move)) <= self.rtol ** (1 / 3)
         y = jnp.where(finite & good & short, candidate, y)
         return _similar(y, like), new_state, aux
+
+    def _stalled(self, y, move, damping, predicted, cost) -> Flag:
+        """Whether steps have become too short to tell, or only short ones lower the cost, hardly.
+
+        The latter is a minimum at a kink, where the promise of a step never falls to `rtol`: its
+        3/4 power, with a damping that has grown, is as far as the cost can be trusted there.
+        """
+        eps = jnp.finfo(y.dtype).eps
+        tiny = (damping > 1 / eps) | (jnp.max(jnp.abs(move)) <= eps * jnp.max(jnp.abs(y)))
+        return tiny | ((damping > 1) & (predicted <= self.rtol**0.75 * cost))
 
     def terminate(self, fn, y, args, options, state, tags) -> tuple[Bool[Array, ""], optx.RESULTS]:
         """Whether the last evaluation ended the iteration, and how."""
@@ -152,13 +144,36 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         return y, aux, {}
 
 
+def _evaluated(fn, new, like, args, options) -> tuple[Array, Any, PyTree]:
+    """Residuals at a point, their derivatives in each parameter, and what else `fn` gives."""
+    if "linearised" in options:
+        return *options["linearised"](args, new), None
+    residual, aux = fn(_similar(new, like), args)
+    jacobian = derivatives(lambda *x: fn(_similar(jnp.stack(x), like, x), args)[0], new)
+    return residual, jacobian, aux
+
+
+def _next_damping(state: _State, cost: Scalar, better: Flag, curved: bool) -> tuple[Scalar, Scalar]:
+    """Damping after a step, and by how much it grows after the next one that fails.
+
+    Nielsen (1999): it shrinks with the gain ratio, at most to a tenth, and grows by 2, 4, 8, ...
+    With curvature the model is trusted less far: 4, 16, ..., from any damping.
+    """
+    ratio = (state.cost - cost) / jnp.where(state.predicted > 0, state.predicted, 1)
+    shrink = jnp.maximum(0.1, 1 - (2 * jnp.clip(ratio, 0, 1) - 1) ** 3)
+    more = jnp.maximum(state.damping * state.growth, 0 if curved else REFUSED)
+    damping = jnp.where(better, state.damping * shrink, more)
+    damping = jnp.where(jnp.isinf(state.cost), state.damping, damping)
+    return damping, jnp.where(better, 2, (4 if curved else 2) * state.growth)
+
+
 def _similar(row: Array, like, parts=None):
     """Parameters in the form that the caller uses: a row, or a tuple of numbers."""
     return row if eqx.is_array(like) else type(like)(list(row) if parts is None else parts)
 
 
-def columns(function, x: Float[Array, " p"]) -> Float[Array, "p residuals"]:
-    """Derivatives of `function(x_1, ..., x_p)` in each parameter, one forward pass each.
+def derivatives(function, x: Float[Array, " p"]) -> Float[Array, "p residuals"]:
+    """Derivatives of `function(x_1, ..., x_p)`, a row a parameter, one forward pass each.
 
     The barrier keeps XLA from sharing subexpressions between the passes: on a CPU that sharing
     splits each pass into many loops over memory and makes it several times slower.
@@ -167,8 +182,8 @@ def columns(function, x: Float[Array, " p"]) -> Float[Array, "p residuals"]:
     for i in range(x.size):
         x = jax.lax.optimization_barrier(x)
         before, after = list(x[:i]), list(x[i + 1 :])
-        along = lambda xi, before=before, after=after: function(*before, xi, *after)  # noqa: E731
-        directions.append(jax.jvp(along, (x[i],), (jnp.ones_like(x[i]),))[1])
+        one = lambda xi, before=before, after=after: function(*before, xi, *after)  # noqa: E731
+        directions.append(jax.jvp(one, (x[i],), (jnp.ones_like(x[i]),))[1])
     return jnp.stack(directions)
 
 
@@ -212,6 +227,7 @@ def _damped_step(matrix, gradient, free, damping) -> Array:
     scale = 1 / jnp.sqrt(jnp.maximum(jnp.where(free, diagonal, 1), tiny))
     scaled = jnp.where(both, matrix * scale[:, None] * scale[None, :], 0)
     eps = jnp.finfo(matrix.dtype).eps
+    # 8 eps: what rounding leaves of a pivot where two columns are the same to all digits
     scaled = scaled + jnp.diag(jnp.where(free, damping + 8 * eps, 1 + 0 * damping))
     right = jnp.where(free, -gradient * scale, 0)
     return jnp.where(free, solve_positive(scaled, right) * scale, 0)

@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 from .._result import Identification
 from ..curves._times import LEVELS
-from ..models._plants import FOPDT, SOPDT, AbstractPlant, EqualLag, Hudzovic, PTn, Sani
+from ..models._abstract import AbstractPlant
+from ..models._plants import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani
 from ._areas import area_fopdt, moments_fopdt, moments_ptn, moments_sopdt
 from ._charts import HARRIOTT_LEVELS, SMITH_LEVELS, STREJC, harriott, smith
 from ._fits import fopdt_fit, hudzovic_fit, ptn_fit, sani_fit, sopdt_fit

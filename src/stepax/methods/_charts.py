@@ -56,7 +56,7 @@ def two_lags(reading: Reading, chart: Chart, time: Scalar, start: Scalar, exact:
     point: `exact` solves for both unknowns at once, level and height on the same response.
     """
     safe = reading.safe
-    relative, t = relative_response(safe), safe.t - safe.step_time
+    relative, t = relative_response(safe), safe.elapsed
     _, equal_lags, one_lag = shape_ends(time.dtype)
     height_at = jnp.asarray(chart.height_at, time.dtype)
 

@@ -3,7 +3,7 @@
 import functools
 import inspect
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import equinox as eqx
 import jax
@@ -12,8 +12,7 @@ import numpy as np
 from jax.core import Tracer
 
 from .._result import Identification
-from ..fitting._refine import refine
-from ..models._plants import AbstractPlant
+from ..models._abstract import AbstractPlant
 from ..records._record import StepRecord
 from ._reading import time_name
 
@@ -76,12 +75,14 @@ def compiled(method: Callable[..., Identification]) -> Callable[..., Identificat
 
 
 def option_names(method: Callable[..., Any]) -> tuple[str, ...]:
-    """Options of a method; of one that takes any, those of `refine` too, where it sends them."""
-    parameters = inspect.signature(method).parameters.values()
-    names = [x.name for x in parameters if x.kind is x.KEYWORD_ONLY]
-    if any(x.kind is x.VAR_KEYWORD for x in parameters):
-        further = inspect.signature(refine).parameters.values()
-        names += [x.name for x in further if x.kind is x.KEYWORD_ONLY and x.name not in names]
+    """Options of a method, by its signature; those of `**options: Unpack[...]` one by one."""
+    names: list[str] = []
+    for parameter in inspect.signature(method).parameters.values():
+        if parameter.kind is parameter.KEYWORD_ONLY:
+            names.append(parameter.name)
+        elif parameter.kind is parameter.VAR_KEYWORD:
+            (options,) = get_args(parameter.annotation)
+            names += options.__annotations__
     return tuple(names)
 
 

@@ -10,7 +10,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._arrays import Flag, Scalar, nan_where
 from .._result import Identification, conclude
 from .._status import Status, first_problem, refused
-from ..models._plants import AbstractPlant
+from ..models._abstract import AbstractPlant
 from ..records._characterise import (
     Tangent,
     crossing_times,

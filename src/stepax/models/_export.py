@@ -3,32 +3,30 @@
 import numpy as np
 
 
-def _poles_and_gain(model, pade_order: int | None) -> tuple[np.ndarray, float, float]:
-    """Poles, static gain and delay of a model with concrete parameters."""
+def _zeros_poles_gain(model, pade_order: int | None) -> tuple[np.ndarray, np.ndarray, float]:
+    """Zeros, poles and leading coefficient k of k prod(s - z)/prod(s - p), without the dead time.
+
+    The gain is that of the model's factors 1 + sT, and s alone for a pole at 0.
+    """
     delay = float(model.delay)
     if delay and pade_order is None:
         raise ValueError(
             f"the model has a dead time of {delay:g}, which no rational transfer function has:"
             " give pade_order, for example pade_order=3."
         )
-    return np.asarray(model.poles), float(model.gain), delay
-
-
-def _scaled_gain(poles: np.ndarray, gain: float) -> float:
-    """Leading coefficient k of k / prod(s - p) for static gain `gain`."""
-    return float(gain * np.real(np.prod(-poles)))
+    zeros, poles = np.asarray(model.zeros), np.asarray(model.poles)
+    k = float(model.gain) * np.prod(-poles[poles != 0]) / np.prod(-zeros)
+    return zeros, poles, float(np.real(k))
 
 
 def scipy_transfer_function(model, pade_order: int | None):
     """`scipy.signal.ZerosPolesGain` of a model."""
     from scipy import signal
 
-    poles, gain, delay = _poles_and_gain(model, pade_order)
-    zeros = np.empty(0)
-    k = _scaled_gain(poles, gain)
-    if delay:
+    zeros, poles, k = _zeros_poles_gain(model, pade_order)
+    if delay := float(model.delay):
         numerator, denominator = _pade(delay, pade_order)
-        zeros = np.roots(numerator)
+        zeros = np.concatenate([zeros, np.roots(numerator)])
         poles = np.concatenate([poles, np.roots(denominator)])
         k = k * numerator[0] / denominator[0]
     return signal.ZerosPolesGain(zeros, poles, k)
@@ -43,9 +41,8 @@ def control_transfer_function(model, pade_order: int | None):
             'to_control needs python-control: pip install "stepax[control]".'
         ) from None
 
-    poles, gain, delay = _poles_and_gain(model, pade_order)
-    plant = control.zpk([], poles, _scaled_gain(poles, gain))
-    if delay:
+    plant = control.zpk(*_zeros_poles_gain(model, pade_order))
+    if delay := float(model.delay):
         plant = plant * control.tf(*_pade(delay, pade_order))
     return plant
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ._plants import SOPDT, AbstractPlant, EqualLag, parameter_names
+from ._abstract import AbstractPlant, Factor
 
 
 # Numbers and transfer functions
@@ -33,10 +33,11 @@ def transfer_function_text(model: AbstractPlant) -> str:
     """G(s) as one line, e.g. `0.6435 exp(-12.3 s) / ((1 + 152.1 s)(1 + 12.2 s)^2)`."""
     if not _is_finite(model):
         return "none"
-    numerator = number(model.gain)
+    above = [base + (power and f"^{power}") for base, power in _grouped(model.numerator())]
+    numerator = " ".join([number(model.gain), *above])
     if delay := _value(model.delay):
         numerator += f" exp({number(-delay)} s)"
-    factors = [f"({base})" + (power and f"^{power}") for base, power in _factors(model)]
+    factors = [base + (power and f"^{power}") for base, power in _grouped(model.denominator())]
     if not factors:
         return numerator
     denominator = "".join(factors)
@@ -47,10 +48,11 @@ def transfer_function_latex(model: AbstractPlant) -> str:
     r"""G(s) for LaTeX, e.g. `\frac{0.6435\,e^{-12.3 s}}{(1 + 152.1 s)(1 + 12.2 s)^{2}}`."""
     if not _is_finite(model):
         return r"\text{none}"
-    numerator = number(model.gain)
+    above = [base + (power and f"^{{{power}}}") for base, power in _grouped(model.numerator())]
+    numerator = r"\,".join([number(model.gain), *above])
     if delay := _value(model.delay):
         numerator += rf"\,e^{{{number(-delay)} s}}"
-    factors = [f"({base})" + (power and f"^{{{power}}}") for base, power in _factors(model)]
+    factors = [base + (power and f"^{{{power}}}") for base, power in _grouped(model.denominator())]
     text = rf"\frac{{{numerator}}}{{{''.join(factors)}}}" if factors else numerator
     text = re.sub(r"\bs\^(\d)", r"s^{\1}", text)
     return re.sub(r"e([+-])0*(\d+)\b", lambda m: rf" \times 10^{{{m[1].strip('+')}{m[2]}}}", text)
@@ -68,23 +70,27 @@ def transfer_function(model: AbstractPlant, style: str = "text") -> str:
 
 
 def _is_finite(model: AbstractPlant) -> bool:
-    return all(np.all(np.isfinite(getattr(model, name))) for name in parameter_names(model))
+    return all(np.all(np.isfinite(getattr(model, name))) for name in model.parameter_names)
 
 
-def _factors(model: AbstractPlant) -> Iterator[tuple[str, str]]:
-    """Factors of the denominator and their powers, empty for 1; slowest first."""
-    if isinstance(model, SOPDT) and (zeta := _value(model.zeta)) < 1:
-        omega = _value(model.omega_n)
-        yield f"1 + {number(2 * zeta / omega)} s + {number(omega**-2)} s^2", ""
-        return
-    if isinstance(model, EqualLag):
-        powers = {number(model.T): _value(model.n)}
-    else:
-        lags = np.sort(np.asarray(model.lags, float))[::-1]  # type: ignore[attr-defined]
-        shown = [number(lag) for lag in lags if lag > 1e-9 * lags[0]]
-        powers = {lag: float(shown.count(lag)) for lag in shown}
-    for lag, power in powers.items():
-        yield f"1 + {lag} s", "" if power == 1 else number(power)
+def _grouped(factors: list[Factor]) -> Iterator[tuple[str, str]]:
+    """Factors as text and their powers, empty for 1; those that read the same are one."""
+    powers: dict[str, float] = {}
+    for factor in factors:
+        text = _polynomial(factor.coefficients)
+        powers[text] = powers.get(text, 0.0) + factor.power
+    for text, power in powers.items():
+        yield text, "" if power == 1 else number(power)
 
 
-# Units
+def _polynomial(coefficients: tuple[float, ...]) -> str:
+    """`(1 + 2.5 s - 4 s^2)`, or `s` alone."""
+    text = ""
+    for k, value in enumerate(coefficients):
+        if not value:
+            continue
+        name = ("", "s", f"s^{k}")[min(k, 2)]
+        size = number(abs(value)) if value != 1 or not name or text else ""
+        sign = (" - " if value < 0 else " + ") if text else "-" * (value < 0)
+        text += sign + " ".join(filter(None, (size, name)))
+    return text if text == "s" else f"({text})"

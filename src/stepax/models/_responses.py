@@ -31,6 +31,19 @@ def _after_start(t: Array) -> tuple[Array, Array]:
     return started, jnp.where(started, t, jnp.ones_like(t))
 
 
+def one_minus_multiple(k: int | np.ndarray | Array, r: Scalar) -> Array:
+    """`1 - k r` without the rounding error of `k r`, for a whole 0 <= k < 2^8.
+
+    Subtracts power-of-two multiples of r: near `k r = 1` each partial difference is exact
+    (Sterbenz), so that Hudzovic's lags keep their digits up to the end of the range of r.
+    """
+    value = jnp.ones_like(r)
+    bits = 8 if isinstance(k, Array) else int(np.max(k)).bit_length()
+    for bit in reversed(range(bits)):
+        value = value - (k >> bit & 1) * (1 << bit) * r
+    return value
+
+
 def first_order_response(t: Float[Array, "*shape"], T: Scalar) -> Float[Array, "*shape"]:
     r"""$g(t) = 1 - e^{-t/T}$."""
     started, t = _after_start(t)
@@ -110,6 +123,29 @@ def _equal_spacing_jvp(length, primals, tangents):
 
 
 _equal_spacing.defjvp(_equal_spacing_jvp, symbolic_zeros=True)
+
+
+def equal_spacing_inflection(
+    T: Scalar, r: Scalar, n: int | Int[Array, ""]
+) -> tuple[Scalar, Scalar]:
+    r"""Time and slope of the steepest rise of Hudzovic's chain.
+
+    $t_i = \ln(1/s) T/r$ with $s = 1 - (n-1) r$, where $E = n - 1$, and there the slope is
+    $\prod_k 1/T_k\; e^{-m t_i} E^{n-1}/(n-1)!$.
+    """
+    s = one_minus_multiple(n - 1, r)
+    x = 1 - s
+    small = x < 0.01
+    near = jnp.where(small, x, 0)
+    series = jnp.ones_like(x)
+    for k in range(9, 1, -1):  # -log(1 - x)/x = 1 + x/2 + x^2/3 + ..., 0.01^9 = 1e-18
+        series = 1 + near * (k - 1) / k * series
+    t = (n - 1) * jnp.where(small, series, -jnp.log(s) / jnp.where(small, 1, x))
+    log_slope = -s * t
+    for k in range(1, n if isinstance(n, int) else MAX_ORDER):
+        factor = one_minus_multiple(k, r) * (n - 1) / k
+        log_slope = log_slope + jnp.log(jnp.where(k < n, factor, 1))
+    return t * T, jnp.exp(log_slope) / T
 
 
 def _before_overflow(t: Array, slowest: Scalar) -> Array:

@@ -11,30 +11,32 @@ slope not 0 in c = 1, where the slope in r vanishes.
 """
 
 from collections.abc import Iterable
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from .._arrays import Count, Scalar
-from ._plants import Hudzovic, Sani
+from ._abstract import AbstractSpreadChain
 from ._responses import MAX_ORDER
 
 
 DEFAULT_ORDERS = range(2, MAX_ORDER + 1)
 """Orders that a lookup and a fit consider unless told otherwise."""
 
-SpreadChain = Hudzovic | Sani
-"""Families with lookup curves: chains of order n with one shape parameter r."""
 
-
-def chain_with_spread(model: type[SpreadChain], log_c: Scalar, n: int | Count) -> SpreadChain:
+def chain_with_spread(
+    model: type[AbstractSpreadChain], log_c: Scalar, n: int | Count
+) -> AbstractSpreadChain:
     """Chain whose lags sum to 1 at a spread coordinate c <= 1; its times are smooth in c too."""
     return chain_of_ratio(model, jnp.exp(log_c) / (1 + jnp.sqrt(-jnp.expm1(log_c))) ** 2, n)
 
 
-def chain_of_ratio(model: type[SpreadChain], s: Scalar, n: int | Count) -> SpreadChain:
+def chain_of_ratio(
+    model: type[AbstractSpreadChain], s: Scalar, n: int | Count
+) -> AbstractSpreadChain:
     """Chain whose lags sum to 1 at a ratio 0 < s <= 1 of its slowest to its fastest rate."""
-    r = s if model is Sani else (1 - s) / jnp.maximum(n - 1, 1)
+    r = model.r_of_ratio(s, n)
     return model(T=1 / jnp.sum(model(T=jnp.ones_like(s), r=r, n=n).lags), r=r, n=n)
 
 
@@ -48,6 +50,7 @@ def check_orders(orders: Iterable[int], least: int = 2) -> tuple[int, ...]:
     return orders
 
 
-def check_spread_chain(model) -> None:
-    if model is not Hudzovic and model is not Sani:
+def check_spread_chain(model: Any) -> None:
+    """A `TypeError` for what is no class of chains with lookup curves."""
+    if not (isinstance(model, type) and issubclass(model, AbstractSpreadChain)):
         raise TypeError(f"lookup curves exist for the classes Hudzovic and Sani, got {model!r}.")

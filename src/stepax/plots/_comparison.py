@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..models._abstract import AbstractPlant
 from ..models._notation import number
-from ..models._plants import AbstractPlant
 from ..records._labels import Units
 from ..records._record import StepRecord
 from ._model import EDGE, RECORD, Picture, draw_model, draw_record, finish, literal, response_panels

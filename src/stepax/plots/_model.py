@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..models._abstract import AbstractPlant
 from ..models._notation import number
-from ..models._plants import AbstractPlant
 from ..records._labels import Labels, unit_of
 from ..records._record import StepRecord, predict
 

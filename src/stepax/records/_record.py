@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from .._arrays import Flag, Samples, Scalar
 from .._status import Status, refused
-from ..models._plants import AbstractPlant
+from ..models._abstract import AbstractPlant
 from ._labels import Labels
 
 
@@ -103,6 +103,16 @@ class StepRecord(eqx.Module):
         self.details = {} if details is None else details
 
     @property
+    def elapsed(self) -> Samples:
+        """Times since the step."""
+        return self.t - self.step_time
+
+    @property
+    def duration(self) -> Scalar:
+        """Length of the record after the step."""
+        return self.t[-1] - self.step_time
+
+    @property
     def after_step(self) -> Array:
         """Which rows lie at or after the step: those that errors and fits use."""
         return self.t >= self.step_time
@@ -163,11 +173,34 @@ def usable_record(record: StepRecord) -> tuple[Status, StepRecord]:
     return status, jax.tree.map(pick, stand_in, record.plain)
 
 
-def predict(model: AbstractPlant, record: StepRecord, t) -> Samples:
-    """offset + step_size gain g(t - step_time - delay)."""
-    return scaled(model, record, model.unit_response(t - record.step_time - model.delay))
+# How the input moves a plant: the one place that knows it is a step
+
+
+def input_response(record: StepRecord, plant: AbstractPlant, t: Any = None) -> Samples:
+    """Response to the record's input for gain 1 and offset 0, per `step_size` of input.
+
+    At the record's rows, or at times `t` of its axis. g(t - step_time - delay).
+    """
+    elapsed = record.elapsed if t is None else t - record.step_time
+    return plant.unit_response(elapsed - plant.delay)
+
+
+def input_response_slopes(record: StepRecord, plant: AbstractPlant) -> tuple[Samples, Samples]:
+    """Derivatives of `input_response` in the dead time, and in the logarithm of the unit of time.
+
+    Both move the response along its slope in time, which is found once.
+    """
+    since = record.elapsed - plant.delay
+    slope = jax.jvp(plant.unit_response, (since,), (jnp.ones_like(since),))[1]
+    slope = jax.lax.optimization_barrier(slope)
+    return -slope, -since * slope
+
+
+def predict(model: AbstractPlant, record: StepRecord, t: Any = None) -> Samples:
+    """Output of a model, offset + step_size gain g, at the record's rows or at times `t`."""
+    return scaled(model, record, input_response(record, model, t))
 
 
 def scaled(model: AbstractPlant, record: StepRecord, response: Samples) -> Samples:
-    """Output of a model whose response for gain 1 and offset 0 is known."""
+    """The same for a response that is known already."""
     return model.offset + record.step_size * model.gain * response

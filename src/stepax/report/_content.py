@@ -9,8 +9,8 @@ import numpy as np
 
 from .._result import Identification
 from .._status import Status, status_name
+from ..models._abstract import AbstractPlant
 from ..models._notation import number
-from ..models._plants import AbstractPlant, parameter_names
 from ..records._labels import unit_of
 
 
@@ -116,7 +116,7 @@ def like(x: float, std: float) -> str:
 
 def to_json(result: Identification, method: str) -> dict[str, Any]:
     """The result as a dictionary for JSON; NaN is None."""
-    names = parameter_names(result.model)
+    names = result.model.parameter_names
     values = parameters(result.model)
     std = {
         name: np.broadcast_to(np.asarray(result.std.get(name, np.nan)), np.shape(values[name]))

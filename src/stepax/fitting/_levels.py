@@ -1,0 +1,70 @@
+"""Gain and offset of a fit: known, tied by a known final level, or found by regression."""
+
+import equinox as eqx
+import jax.numpy as jnp
+
+from .._arrays import Samples, Scalar
+from ..models._abstract import AbstractPlant
+from ..records._record import StepRecord
+
+
+class Levels(eqx.Module):
+    """What is known of the levels: each is None where it is to be found.
+
+    `final` is the level that ties gain and offset together, neither being known by itself. `step`
+    is the size of the input's step: the amplitude is step times gain.
+    """
+
+    offset: Scalar | None
+    gain: Scalar | None
+    final: Scalar | None
+    step: Scalar
+
+    @classmethod
+    def of(cls, record: StepRecord, model: AbstractPlant, fixed: tuple[str, ...]) -> "Levels":
+        """What a record and the parameters to hold say; an integrating plant has no final level."""
+        dtype, step = record.y.dtype, record.step_size
+        final = record.final if model.settles else None
+        offset = jnp.asarray(model.offset, dtype) if "offset" in fixed else record.initial
+        gain = jnp.asarray(model.gain, dtype) if "gain" in fixed else None
+        if final is not None and gain is not None and offset is None:
+            offset = final - step * gain
+        if final is not None and gain is None and offset is not None:
+            gain = (final - offset) / step
+        tied = final if offset is None and gain is None else None
+        return cls(offset, gain, tied, step)
+
+    @property
+    def free(self) -> int:
+        """Number of levels, offset and amplitude, that a regression would find."""
+        if self.final is not None:
+            return 1
+        return (self.offset is None) + (self.gain is None)
+
+    @property
+    def found_names(self) -> set[str]:
+        """Parameters that are found by themselves: with a tie the offset follows from the gain."""
+        offset = {"offset"} if self.offset is None and self.final is None else set()
+        return offset | ({"gain"} if self.gain is None else set())
+
+    def regression(self, y: Samples, w: Samples, g: Samples) -> tuple[Scalar, Scalar]:
+        """Offset and amplitude of least squares for a response g, weights w."""
+        if self.offset is not None and self.gain is not None:
+            return self.offset, self.step * self.gain
+        if self.gain is not None:
+            amplitude = self.step * self.gain
+            return jnp.sum(w * (y - amplitude * g)) / jnp.sum(w), amplitude
+        if self.offset is not None:
+            return self.offset, _slope(w, g, y - self.offset)
+        if self.final is not None:
+            amplitude = _slope(w, g - 1, y - self.final)
+            return self.final - amplitude, amplitude
+        mean_g, mean_y = jnp.sum(w * g) / jnp.sum(w), jnp.sum(w * y) / jnp.sum(w)
+        amplitude = _slope(w, g - mean_g, y - mean_y)
+        return mean_y - amplitude * mean_g, amplitude
+
+
+def _slope(w: Samples, x: Samples, y: Samples) -> Scalar:
+    """Slope of the weighted regression of y on x through 0."""
+    square = jnp.sum(w * x * x)
+    return jnp.sum(w * x * y) / jnp.where(square > 0, square, 1)

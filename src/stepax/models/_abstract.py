@@ -1,0 +1,318 @@
+"""What a plant is: parameters, responses, and the facts that other rooms ask it for.
+
+Plants are frozen `equinox.Module`s: PyTrees that can be arguments of a jitted function, stacked
+along a batch axis, and differentiated with `equinox.filter_grad`. Whatever depends on the family of
+a plant is asked of the plant, never decided by its class elsewhere.
+"""
+
+import abc
+import operator
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, ArrayLike, Complex, Float, Int, Shaped
+
+from .._arrays import Flag, Lags, Samples, Scalar, as_real
+from ._contour import chain_derivatives, chain_response
+from ._export import control_transfer_function, scipy_transfer_function
+from ._responses import MAX_ORDER
+
+
+def as_order(n: Any) -> Any:
+    """Order of a chain: a Python int, which stays static, or an array of integers."""
+    if isinstance(n, np.integer):
+        n = operator.index(n)
+    if n is None:  # so that a model can hold `in_axes`
+        return n
+    whole = isinstance(n, int) and not isinstance(n, bool)
+    if isinstance(n, jax.Array | np.ndarray):
+        whole = jnp.issubdtype(n.dtype, jnp.integer)
+    if not whole:
+        raise TypeError(f"the order n of a chain must be a whole number, got {n!r}.")
+    if isinstance(n, int) and n < 1:
+        raise ValueError(f"the order n of a chain must be at least 1, got {n}.")
+    return n
+
+
+def as_real_order(n: Any) -> Any:
+    """Order of equal lags: a Python int stays static; anything else is a real array."""
+    if isinstance(n, int | np.integer):
+        return as_order(n)
+    if isinstance(n, jax.Array | np.ndarray) and jnp.issubdtype(n.dtype, jnp.integer):
+        return n
+    n = as_real(n)
+    if not isinstance(n, Tracer) and not np.all(np.asarray(n) > 0):
+        raise ValueError(f"the order n of equal lags must be positive, got {n}.")
+    return n
+
+
+def positions(n) -> tuple[int, Array]:
+    """Length of `.lags` and which of its places an order `n` uses."""
+    length = n if isinstance(n, int) else MAX_ORDER
+    return length, jnp.arange(length) < n
+
+
+def in_range(n) -> Any:
+    """Whether an order can be evaluated: any Python int, an array from 1 to `MAX_ORDER`."""
+    return True if isinstance(n, int) else (n >= 1) & (n <= MAX_ORDER)
+
+
+class ScalarParameter(NamedTuple):
+    """One real number of a model: a parameter by name, or one of several in a row of them."""
+
+    name: str
+    place: int | None = None
+
+    @property
+    def label(self) -> str:
+        """`T`, or `lags[2]`."""
+        return self.name if self.place is None else f"{self.name}[{self.place}]"
+
+
+class Factor(NamedTuple):
+    """A polynomial in s, by ascending coefficients, to a power."""
+
+    coefficients: tuple[float, ...]
+    power: float = 1.0
+
+
+class TimeScales(NamedTuple):
+    """Of a transient: its fastest part, the widest step that follows it, and when it is over.
+
+    Over means below rounding: e^-40 is 4e-18.
+    """
+
+    fastest: float
+    widest: float
+    horizon: float
+
+
+SETTLED = 0.95
+"""Share of the change that a record must show for its gain not to count as extrapolated."""
+
+
+COMMON = {"gain": "output/input", "offset": "output", "delay": "time"}
+"""Parameters that every plant has, and their dimensions."""
+
+
+class AbstractPlant(eqx.Module):
+    r"""Process model: $\text{offset} + \text{gain} \cdot g(t - \text{delay})$ for a unit step.
+
+    g rises from 0 to 1, monotone unless the model oscillates. Up to the delay the response is the
+    offset. `gain` is output per unit of input, `delay` (dead time, >= 0) has the unit of time,
+    `offset` the unit of the output; impulse and frequency response, static gain and exports leave
+    the offset out.
+    """
+
+    dimensions: eqx.AbstractClassVar[dict[str, str]]
+    """Of the family's own parameters: "time", "per time" or "1" each, the order n left out."""
+
+    settles: ClassVar[bool] = True
+    """Whether the response to a step comes to rest."""
+
+    gain: Float[Array, "..."] = eqx.field(converter=as_real, default=1.0, kw_only=True)
+    offset: Float[Array, "..."] = eqx.field(converter=as_real, default=0.0, kw_only=True)
+    delay: Float[Array, "..."] = eqx.field(converter=as_real, default=0.0, kw_only=True)
+
+    @abc.abstractmethod
+    def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """g(t): step response for gain 1, offset 0, delay 0."""
+
+    @abc.abstractmethod
+    def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
+        """G(s) for gain 1 and delay 0."""
+
+    @property
+    def zeros(self) -> Shaped[np.ndarray, " m"]:
+        """Zeros of the transfer function, on the host (concrete parameters)."""
+        return np.empty(0)
+
+    @property
+    @abc.abstractmethod
+    def poles(self) -> Shaped[np.ndarray, " n"]:
+        """Poles of the transfer function, on the host (concrete parameters)."""
+
+    @abc.abstractmethod
+    def denominator(self) -> list[Factor]:
+        """Factors of the transfer function's denominator, slowest first; host code."""
+
+    def numerator(self) -> list[Factor]:
+        """Factors of its numerator beside gain and dead time; host code."""
+        return []
+
+    @abc.abstractmethod
+    def time_scales(self) -> TimeScales:
+        """How fast its transient is, and how long; host code."""
+
+    def has_settled(self, last: Scalar) -> Flag:
+        """Whether a record whose last row has g = `last` shows enough of the change."""
+        return last >= SETTLED
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """Names of the real parameters: its own first, then gain, offset and delay."""
+        own = [name for name in self.__dataclass_fields__ if name not in COMMON]
+        real = [name for name in own if eqx.is_inexact_array(getattr(self, name))]
+        return (*real, *COMMON)
+
+    @property
+    def scalars(self) -> tuple[ScalarParameter, ...]:
+        """The real parameters number by number, in the order of `parameter_names`."""
+        found: list[ScalarParameter] = []
+        for name in self.parameter_names:
+            value = getattr(self, name)
+            places = range(value.size) if value.ndim else [None]
+            found += [ScalarParameter(name, place) for place in places]
+        return tuple(found)
+
+    def dimension(self, name: str) -> str:
+        """Dimension of a parameter, in terms of "time", "input" and "output"; "1" for none."""
+        return (COMMON | self.dimensions).get(name, "1")
+
+    def _elapsed(self, t: ArrayLike) -> Array:
+        """Time since the response begins."""
+        return as_real(t) - self.delay
+
+    def step_response(self, t: Float[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
+        """Response to a unit step at t = 0, at times `t` of any shape."""
+        return self.offset + self.gain * self.unit_response(self._elapsed(t))
+
+    def impulse_response(self, t: Float[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
+        """Response to a unit impulse at t = 0: the derivative of the step response.
+
+        Its accuracy is absolute, relative to its largest value; 0 up to the delay.
+        """
+        elapsed = self._elapsed(t)
+        _, slope = jax.jvp(self.unit_response, (elapsed,), (jnp.ones_like(elapsed),))
+        return self.gain * slope
+
+    def frequency_response(self, omega: Float[ArrayLike, "*shape"]) -> Complex[Array, "*shape"]:
+        r"""Complex $G(j\omega)$ at angular frequencies `omega` (radian per unit of time)."""
+        s = 1j * as_real(omega)
+        return self.gain * jnp.exp(-s * self.delay) * self.unit_transfer_function(s)
+
+    def respond(self, t: Float[ArrayLike, " samples"], u: Float[ArrayLike, " samples"]) -> Samples:
+        r"""Response to a sampled input, held constant between samples (zero-order hold).
+
+        $y(t_i) = \text{offset} + \text{gain} \sum_k (u_k - u_{k-1})\, g(t_i - t_k - L)$, exact for
+        uneven times too. `u` is the deviation from the operating point, the plant is at rest
+        before `t[0]`. Time and memory grow with the square of the number of samples.
+        """
+        t, u = as_real(t), as_real(u)
+        moves = jnp.diff(u, prepend=jnp.zeros_like(u[:1]))
+        return self.offset + self.gain * (
+            self.unit_response(t[:, None] - t[None, :] - self.delay) @ moves
+        )
+
+    @property
+    def static_gain(self) -> Scalar:
+        """Change of the output per unit of input after all transients."""
+        return self.gain
+
+    def to_control(self, pade_order: int | None = None):
+        """This model as a python-control `TransferFunction` (needs `stepax[control]`).
+
+        A rational transfer function has no dead time: with a delay give `pade_order`, the order of
+        the Pade approximation; without it a delay raises a `ValueError`.
+        """
+        return control_transfer_function(self, pade_order)
+
+    def to_scipy(self, pade_order: int | None = None):
+        """This model as `scipy.signal.ZerosPolesGain`; a delay as in `to_control`."""
+        return scipy_transfer_function(self, pade_order)
+
+
+class AbstractChain(AbstractPlant):
+    r"""A chain of real lags, $\prod_k 1/(1 + s T_k)$."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def lags(self) -> Lags:
+            """Time constants: shape (n,) for a Python int as order, else (8,), zeros last."""
+            ...
+    else:
+        lags: eqx.AbstractVar[Lags]
+
+    def denominator(self) -> list[Factor]:
+        """One factor a lag, largest first; what is a rounding error beside the largest is none."""
+        lags = np.sort(np.asarray(self.lags, float))[::-1]
+        return [Factor((1.0, lag)) for lag in lags.tolist() if lag > 1e-9 * lags[0]]
+
+    def time_scales(self) -> TimeScales:
+        """From the smallest to the largest lag; the lags after it delay the end."""
+        lags = np.asarray(self.lags, float)
+        lags = lags[lags > 0]
+        if not lags.size:
+            return TimeScales(np.inf, np.inf, 0.0)
+        return TimeScales(lags.min(), lags.max(), 40 * lags.max() + 10 * lags.sum())
+
+    @property
+    def poles(self) -> Shaped[np.ndarray, " n"]:
+        """Poles -1/T_k in the order of the lags; a lag of 0 has none. Needs concrete lags."""
+        lags = np.asarray(self.lags)
+        return -1 / lags[lags > 0]
+
+    def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """g(t), by contour quadrature."""
+        return chain_response(t, self.lags)
+
+    def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
+        """G(s), the product over the lags."""
+        lags = self.lags
+        return jnp.prod(1 / (1 + s[..., None] * lags.reshape((1,) * s.ndim + (-1,))), axis=-1)
+
+
+class AbstractSpreadChain(AbstractChain):
+    """A chain of order n whose lags follow from one of them and one shape parameter r.
+
+    How far the lags lie apart is told by a `ratio` s of rates, from 0 (one lag) to 1 (equal lags).
+    """
+
+    r_at_equal_lags: eqx.AbstractClassVar[float]
+    """The end of the range of r where all lags are equal."""
+
+    reaches_first_order: eqx.AbstractClassVar[bool]
+    """Whether the other end, one lag, is a value of r and not only a limit."""
+
+    has_formulae: eqx.AbstractClassVar[bool]
+    """Whether Sani's interpolation formulae (Murray 2016, eqs. 2.17-2.19) are for this family."""
+
+    dimensions: ClassVar[dict[str, str]] = {"T": "time", "r": "1"}
+
+    T: Float[Array, "..."] = eqx.field(converter=as_real)
+    r: Float[Array, "..."] = eqx.field(converter=as_real)
+    n: int | Int[Array, "..."] = eqx.field(converter=as_order)
+
+    @property
+    @abc.abstractmethod
+    def ratio(self) -> Scalar:
+        """Ratio s of the slowest to the fastest rate, or of neighbours, as the family has it."""
+
+    @classmethod
+    @abc.abstractmethod
+    def r_of_ratio(cls, s: Scalar, n) -> Scalar:
+        """r of a chain of order n with a ratio s."""
+
+    @classmethod
+    @abc.abstractmethod
+    def has_shape(cls, r: Scalar, n) -> Flag:
+        """Whether r lies in the range of the family for that order."""
+
+    @classmethod
+    @abc.abstractmethod
+    def width_of_r(cls, n) -> Any:
+        """Length of the range of r."""
+
+    def response_and_slope(self, t: Array) -> tuple[Array, Array]:
+        """g and t dg/dt."""
+        g, slope = chain_derivatives(t, self.lags, 1)
+        return g, slope
+
+    def inflection(self) -> tuple[Array, Array] | None:
+        """Time and slope of the steepest rise where the family has a closed form."""
+        return None
