@@ -18,7 +18,7 @@ from stepax._compare import Comparison, Row
 from stepax._result import conclude
 from stepax._status import status_name
 from stepax.curves._lookup import Lookup
-from stepax.methods import METHODS
+from stepax.methods import METHODS, ROWS
 
 
 @pytest.fixture(autouse=True)
@@ -47,7 +47,7 @@ def front(monkeypatch):
     def row(method, result):
         numbers = [float(x) for x in (result.J, result.rmse, result.fit_percent)]
         status, reason = status_name(result.status), Status[result.status]
-        return Row(method, result, "FOPDT", *numbers, 4, 1.5, status, reason)
+        return Row(method, result, "FOPDT", *numbers, 4, 1.5, status, reason, ROWS[method])
 
     def lost(record):
         return row("strejc", conclude(record, FOPDT(T=1.0), Status.levels_not_crossed))

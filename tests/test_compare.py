@@ -12,7 +12,9 @@ from scipy import integrate
 
 from stepax import FOPDT, SOPDT, EqualLag, PTn, Sani, Status, StepRecord, compare
 from stepax._compare import Comparison, Row, level_marks, tangent_ends
+from stepax._identify import parameter_count
 from stepax._result import conclude
+from stepax.methods._method import Method
 from stepax.models._deviation import squared_deviation
 from stepax.records._labels import Labels
 
@@ -95,6 +97,28 @@ def test_aicc_of_fits_and_others_counts_the_same_rows():
     per_row = np.diff([row.aicc for row in rows]) / t.size
     np.testing.assert_allclose(per_row, np.log(square[1] / square[0]), rtol=1e-6)
     assert [row.parameters for row in rows] == [2, 2]
+
+
+@pytest.mark.parametrize(
+    ("model", "order_found", "count"),
+    [
+        (FOPDT(T=2.0, delay=1.0), False, 4),
+        (FOPDT(T=2.0), False, 3),
+        (PTn(lags=[2.0, 2.0]), False, 3),
+        (PTn(lags=[2.0, 1.0, 0.0]), True, 5),
+        (Sani(T=2.0, r=0.5, n=jnp.asarray(3)), True, 5),
+        (EqualLag(T=2.0, n=2), False, 3),
+        (EqualLag(T=2.0, n=jnp.asarray(3)), True, 4),
+        (EqualLag(T=2.0, n=jnp.asarray(2.5)), True, 4),
+        (EqualLag(T=2.0, n=jnp.asarray(2.5)), False, 4),
+    ],
+)
+def test_an_order_that_was_found_counts_once(model, order_found, count):
+    t = np.linspace(0.0, 9.0, 30)
+    y = 1 - np.exp(-t)
+    for levels, known in (({}, 0), ({"final": 1.0}, 1), ({"initial": 0.0, "final": 1.0}, 2)):
+        result = conclude(StepRecord(t, y, **levels), model, Status.successful)
+        assert parameter_count(result, order_found) == count - known
 
 
 def test_nothing_to_compare(record):
@@ -181,9 +205,9 @@ def identification(model, status=Status.successful, **details):
     return conclude(record, model, status, details=details)
 
 
-def row(name, result):
+def row(name, result, about):
     numbers = [float(x) for x in (result.J, result.rmse, result.fit_percent)]
-    return Row(name, result, type(result.model).__name__, *numbers, 4, 0.0, "successful", "")
+    return Row(name, result, about.gives.__name__, *numbers, 4, 0.0, "successful", "", about)
 
 
 @pytest.fixture(scope="module")
@@ -195,7 +219,10 @@ def drawn():
     ]
     results.append(identification(SOPDT(zeta=1.0, omega_n=0.15, **levels), Tu=2.0, Tg=18.0))
     results.append(identification(FOPDT(T=1.0), Status.no_inflection))
-    rows = [row(f"method_{i}", result) for i, result in enumerate(results)]
+    about = [Method(FOPDT, "first", levels=(0.33, 0.70))] * 7
+    about += [Method(SOPDT, "second", has_tangent=True), Method(FOPDT, "first", has_tangent=True)]
+    pairs = zip(results, about, strict=True)
+    rows = [row(f"method_{i}", *pair) for i, pair in enumerate(pairs)]
     return Comparison(results[0].record, tuple(rows))
 
 

@@ -1,9 +1,8 @@
 """Several methods on one record, ranked; host code."""
 
 import dataclasses
-import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -11,11 +10,11 @@ import numpy as np
 from ._identify import aicc_of, identify, parameter_count, refuse_tracers
 from ._result import Identification, conclude
 from ._status import Status, refused, status_name
-from .methods import METHODS
+from .methods import METHODS, ROWS
+from .methods._method import Method
 from .models._abstract import AbstractPlant
 from .models._deviation import squared_deviation
 from .models._notation import transfer_function
-from .models._plants import FOPDT, SOPDT, EqualLag, PTn
 from .records._record import StepRecord, predict
 
 
@@ -29,7 +28,10 @@ KINDS = ("response", "bar", "pie")
 
 
 class Row(NamedTuple):
-    """One method in a `Comparison`: its result, how good it is, and why not where it refused."""
+    """One method in a `Comparison`: its result, how good it is, and why not where it refused.
+
+    `about` the method: its group, and what of the details a plot can mark.
+    """
 
     method: str
     result: Identification
@@ -41,6 +43,7 @@ class Row(NamedTuple):
     aicc: float
     status: str
     reason: str
+    about: Method
 
     @property
     def has_model(self) -> bool:
@@ -49,7 +52,7 @@ class Row(NamedTuple):
 
     def is_of(self, group: str) -> bool:
         """Whether the method's models, also where it refused, are of a group."""
-        return group in ("all", _group(self.result.model))
+        return group in ("all", self.about.group)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,17 +70,16 @@ class Comparison:
     def models(self, group: str = "all") -> tuple[Row, ...]:
         """Rows that have a model, of one group.
 
-        "first": first order plus dead time; "second": two poles; "nth": an order that the method
-        chose.
+        "first": first order plus dead time; "second": two poles; "nth": any number of lags.
         """
         check_group(group)
         return tuple(row for row in self.rows if row.has_model and row.is_of(group))
 
     def to_frame(self) -> "pd.DataFrame":
-        """One row per method, as a DataFrame without the results themselves."""
+        """One row per method, as a DataFrame of what can be printed."""
         import pandas as pd
 
-        return pd.DataFrame(self.rows, columns=Row._fields).drop(columns="result")
+        return pd.DataFrame(self.rows, columns=Row._fields).drop(columns=["result", "about"])
 
     def show_models(self, style: str = "text") -> str:
         """All transfer functions, one line per method, as "text" or "latex"."""
@@ -88,7 +90,7 @@ class Comparison:
             for row in self.rows
         )
 
-    def plot(self, group: str = "all", kind: str = "response", **options):
+    def plot(self, group: str = "all", kind: str = "response", **options: Any):
         """Models of a group as a matplotlib figure.
 
         `kind`: "response": record, models, the marks that each method reads, residuals and J;
@@ -142,6 +144,7 @@ def compare(
 
 
 def _row(name: str, result: Identification, plant: AbstractPlant | None) -> Row:
+    about = ROWS[name]
     measured, J, reason = result, float(result.J), Status[result.status]
     if plant is not None and not bool(refused(result.status)):
         record = result.record
@@ -157,10 +160,11 @@ def _row(name: str, result: Identification, plant: AbstractPlant | None) -> Row:
         J=J,
         rmse=float(measured.rmse),
         fit_percent=float(measured.fit_percent),
-        parameters=parameter_count(result),
-        aicc=float(aicc_of(result)),
+        parameters=parameter_count(result, about.order_found),
+        aicc=float(aicc_of(result, about.order_found)),
         status=status_name(result.status),
         reason=reason,
+        about=about,
     )
 
 
@@ -176,18 +180,6 @@ def check_kind(kind: str) -> None:
         raise ValueError(f"kind must be one of {', '.join(KINDS)}, got {kind!r}.")
 
 
-def _group(model: AbstractPlant) -> str:
-    """Group of a model, by its class."""
-    if isinstance(model, FOPDT):
-        return "first"
-    double = isinstance(model, EqualLag) and isinstance(model.n, int) and model.n == 2
-    two = isinstance(model, PTn) and model.lags.size == 2
-    return "second" if isinstance(model, SOPDT) or double or two else "nth"
-
-
-# The integral to infinity
-
-
 # What a plot needs
 
 
@@ -200,33 +192,19 @@ def _title(record: StepRecord, group: str, what: str) -> str:
     return text if group == "all" else f"{text} ({_GROUP_NAMES[group]})"
 
 
-_LEVEL = re.compile(r"t(\d+(?:_\d+)?)$")
-
-
 def level_marks(row: Row) -> list[tuple[float, float]]:
     """Points of the response that a method reads: time and output."""
-    model, record, details = row.result.model, row.result.record, row.result.details
-    initial = float(model.offset)
-    change = float(model.gain) * float(record.step_size)
-    points = [
-        (float(value), float(match[1].replace("_", ".")) / 100)
-        for name, value in details.items()
-        if (match := _LEVEL.match(name))
-    ]
-    points += [
-        (float(details[time]), float(details[height]))
-        for time, height in (("t_read", "y_read"), ("t_i", "y_i"))
-        if time in details
-    ]
-    start = float(record.step_time)
-    return [(start + t, initial + level * change) for t, level in points]
+    return _on_record(row, row.about.marks(row.result.details))
 
 
 def tangent_ends(row: Row) -> list[tuple[float, float]]:
     """Where a method's tangent meets the initial and the final level; empty if it has none."""
-    model, record, details = row.result.model, row.result.record, row.result.details
-    if "Tu" not in details or "Tg" not in details:
-        return []
-    initial, start = float(model.offset), float(record.step_time + details["Tu"])
-    final = initial + float(model.gain) * float(record.step_size)
-    return [(start, initial), (start + float(details["Tg"]), final)]
+    return _on_record(row, row.about.tangent(row.result.details))
+
+
+def _on_record(row: Row, points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Times from the step and shares of the change, on the record's axes."""
+    model, record = row.result.model, row.result.record
+    start, initial = float(record.step_time), float(model.offset)
+    change = float(model.gain) * float(record.step_size)
+    return [(start + time, initial + height * change) for time, height in points]

@@ -16,7 +16,6 @@ from .fitting._fitted import Fitted, aicc
 from .fitting._refine import concluded
 from .methods import METHODS
 from .methods._fits import AUTO
-from .models._plants import PTn
 from .records._record import StepRecord
 
 
@@ -54,13 +53,7 @@ def _known(method: str):
 
 def _run(record: StepRecord, method, options) -> Identification:
     """Run a compiled method on the bare record, so that names of columns do not recompile it."""
-    try:
-        result = method(record.plain, **options)
-    except TypeError as error:
-        if "unexpected keyword argument" in str(error):
-            option = str(error).split("'")[1]
-            raise ValueError(f"Method {method.__name__!r} has no option {option!r}.") from None
-        raise
+    result = method(record.plain, **options)
     return dataclasses.replace(result, record=record, details=result.details | record.details)
 
 
@@ -101,19 +94,22 @@ def chosen_method(result: Identification) -> str:
     return list(AUTO)[int(result.details["chosen"])]
 
 
-def aicc_of(result: Identification):
-    """AICc of a result over all rows of its record, infinite for a refusal."""
+def aicc_of(result: Identification, order_found: bool):
+    """AICc of a result over all rows of its record, infinite for a refusal.
+
+    `order_found` as in `parameter_count`; a fit has counted its own.
+    """
     if "aicc" in result.details:
         value = result.details["aicc"]
     else:
         record = result.record
         square = jnp.sum((record.y - result.predict(record.t)) ** 2)
-        value = aicc(square, record.y.size, parameter_count(result))
+        value = aicc(square, record.y.size, parameter_count(result, order_found))
     return jnp.where(refused(result.status) | jnp.isnan(value), jnp.inf, value)
 
 
-def parameter_count(result: Identification) -> int:
-    """Number of parameters that were found from the record, an order that was chosen among them.
+def parameter_count(result: Identification, order_found: bool) -> int:
+    """Number of parameters that were found from the record, the order among them if `order_found`.
 
     Of a fit those that its AICc counts. Of other methods: lags of 0 do not count, equal ones once,
     nor a dead time of 0, nor gain and offset where the record's levels are known.
@@ -124,9 +120,8 @@ def parameter_count(result: Identification) -> int:
     levels = {"gain": record.final, "offset": record.initial}
     known = {name for name, level in levels.items() if level is not None}
     known |= set() if float(model.delay) else {"delay"}
+    # A real order is a parameter of the model too; found, it still counts once.
+    known |= {"n"} if order_found else set()
     found = set(model.parameter_names) - known
-    if eqx.is_array(getattr(model, "n", None)):
-        found |= {"n"}
     values = [np.unique(np.asarray(getattr(model, name))) for name in found]
-    chosen = isinstance(model, PTn) and model.lags.size > 2
-    return int(chosen) + sum(int(np.count_nonzero(x)) if x.size > 1 else 1 for x in values)
+    return int(order_found) + sum(int(np.count_nonzero(x)) if x.size > 1 else 1 for x in values)

@@ -1,20 +1,13 @@
 """Identification methods by name: each takes a record and options and returns an Identification."""
 
-import functools
 from collections.abc import Callable
-from typing import Any
-
-import equinox as eqx
-import jax
-import jax.numpy as jnp
-import numpy as np
 
 from .._result import Identification
+from ..curves._times import LEVELS
 from ..models._abstract import AbstractPlant
 from ..models._plants import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani
-from ..records._record import StepRecord
 from ._areas import area_fopdt, moments_fopdt, moments_ptn, moments_sopdt
-from ._charts import harriott, smith
+from ._charts import HARRIOTT_LEVELS, SMITH_LEVELS, STREJC, harriott, smith
 from ._fits import fopdt_fit, hudzovic_fit, ptn_fit, sani_fit, sopdt_fit
 from ._lookup import (
     hudzovic_t10_t50_t90,
@@ -23,10 +16,18 @@ from ._lookup import (
     sani_t10_t50_t90,
     sani_tu_tg,
 )
-from ._tables import latzel, strejc
-from ._tangents import oldenbourg_sartorius, tangent_63, ziegler_nichols_tangent
-from ._three_points import alfaro_overdamped, rangaiah_krishnaswamy
+from ._method import Method, compiled
+from ._tables import LATZEL_LEVELS, latzel, strejc
+from ._tangents import ONE_LAG, oldenbourg_sartorius, tangent_63, ziegler_nichols_tangent
+from ._three_points import (
+    ALFARO_LEVELS,
+    RANGAIAH_LEVELS,
+    alfaro_overdamped,
+    rangaiah_krishnaswamy,
+)
 from ._two_points import (
+    TWO_POINTS,
+    VITECKOVA_LEVELS,
     alfaro_1,
     alfaro_2,
     broida,
@@ -40,69 +41,65 @@ from ._two_points import (
 )
 
 
-_GIVES: dict[Callable[..., Identification], type[AbstractPlant]] = {
+# A new method is its function and one row here.
+_ROWS: dict[Callable[..., Identification], Method] = {
     # lookups
-    hudzovic_tu_tg: Hudzovic,
-    hudzovic_t10_t50_t90: Hudzovic,
-    sani_tu_tg: Sani,
-    sani_t10_t50_t90: Sani,
-    sani_interpolation: Sani,
+    hudzovic_tu_tg: Method(Hudzovic, "nth", order_found=True, has_tangent=True),
+    hudzovic_t10_t50_t90: Method(Hudzovic, "nth", order_found=True, levels=LEVELS),
+    sani_tu_tg: Method(Sani, "nth", order_found=True, has_tangent=True),
+    sani_t10_t50_t90: Method(Sani, "nth", order_found=True, levels=LEVELS),
+    sani_interpolation: Method(Sani, "nth", order_found=True, levels=LEVELS),
     # the seven classical methods
-    viteckova_1: FOPDT,
-    viteckova_2: EqualLag,
-    latzel: EqualLag,
-    harriott: PTn,
-    smith: PTn,
-    strejc: PTn,
-    sundaresan_krishnaswamy: FOPDT,
+    viteckova_1: Method(FOPDT, "first", levels=VITECKOVA_LEVELS),
+    viteckova_2: Method(EqualLag, "second", levels=VITECKOVA_LEVELS),
+    latzel: Method(EqualLag, "nth", order_found=True, levels=LATZEL_LEVELS),
+    harriott: Method(PTn, "second", levels=HARRIOTT_LEVELS, points=(("t_read", "y_read"),)),
+    smith: Method(PTn, "second", levels=SMITH_LEVELS),
+    strejc: Method(
+        PTn,
+        "nth",
+        order_found=True,
+        levels=(STREJC.level,),
+        points=(("t_read", "y_read"), ("t_i", "y_i")),
+        has_tangent=True,
+    ),
+    sundaresan_krishnaswamy: Method(
+        FOPDT, "first", levels=TWO_POINTS["sundaresan_krishnaswamy"].levels
+    ),
     # further points
-    smith_1972: FOPDT,
-    broida: FOPDT,
-    chen_yang: FOPDT,
-    ho: FOPDT,
-    alfaro_1: FOPDT,
-    alfaro_2: EqualLag,
-    viteckova: EqualLag,
-    alfaro_overdamped: PTn,
-    rangaiah_krishnaswamy: SOPDT,
+    smith_1972: Method(FOPDT, "first", levels=TWO_POINTS["smith_1972"].levels),
+    broida: Method(FOPDT, "first", levels=TWO_POINTS["broida"].levels),
+    chen_yang: Method(FOPDT, "first", levels=TWO_POINTS["chen_yang"].levels),
+    ho: Method(FOPDT, "first", levels=TWO_POINTS["ho"].levels),
+    alfaro_1: Method(FOPDT, "first", levels=TWO_POINTS["alfaro_1"].levels),
+    alfaro_2: Method(EqualLag, "second", levels=TWO_POINTS["alfaro_2"].levels),
+    viteckova: Method(EqualLag, "nth", order_found=True, levels=VITECKOVA_LEVELS),
+    alfaro_overdamped: Method(PTn, "second", levels=ALFARO_LEVELS),
+    rangaiah_krishnaswamy: Method(SOPDT, "second", levels=RANGAIAH_LEVELS),
     # tangents
-    ziegler_nichols_tangent: FOPDT,
-    tangent_63: FOPDT,
-    oldenbourg_sartorius: PTn,
+    ziegler_nichols_tangent: Method(FOPDT, "first", has_tangent=True),
+    tangent_63: Method(FOPDT, "first", levels=(ONE_LAG,), has_tangent=True),
+    oldenbourg_sartorius: Method(PTn, "second", has_tangent=True),
     # areas and moments
-    area_fopdt: FOPDT,
-    moments_fopdt: FOPDT,
-    moments_sopdt: PTn,
-    moments_ptn: EqualLag,
+    area_fopdt: Method(FOPDT, "first"),
+    moments_fopdt: Method(FOPDT, "first"),
+    moments_sopdt: Method(PTn, "second"),
+    moments_ptn: Method(EqualLag, "nth", order_found=True),
     # least squares
-    hudzovic_fit: Hudzovic,
-    sani_fit: Sani,
-    ptn_fit: PTn,
-    fopdt_fit: FOPDT,
-    sopdt_fit: SOPDT,
+    hudzovic_fit: Method(Hudzovic, "nth", order_found=True),
+    sani_fit: Method(Sani, "nth", order_found=True),
+    ptn_fit: Method(PTn, "nth", order_found=True),
+    fopdt_fit: Method(FOPDT, "first"),
+    sopdt_fit: Method(SOPDT, "second"),
 }
 
-
-def _compiled(method: Callable[..., Identification]) -> Callable[..., Identification]:
-    """`method`, compiled: `delay` is traced, in the record's dtype; other numbers are static."""
-    call = eqx.filter_jit(method)
-
-    @functools.wraps(method)
-    def run(record: StepRecord, **options: Any) -> Identification:
-        options = jax.tree.map(lambda x: x.item() if isinstance(x, np.generic) else x, options)
-        if isinstance(options.get("delay"), int | float | np.ndarray | jax.Array):
-            options["delay"] = jnp.asarray(options["delay"], record.t.dtype)
-        return call(record, **options)
-
-    return run
-
-
 METHODS: dict[str, Callable[..., Identification]] = {
-    method.__name__: _compiled(method) for method in _GIVES
+    method.__name__: compiled(method) for method in _ROWS
 }
 """Every method by its name, compiled; an option that is a Python or NumPy number is static."""
 
-MODELS: dict[str, type[AbstractPlant]] = {
-    method.__name__: model for method, model in _GIVES.items()
-}
+ROWS: dict[str, Method] = {method.__name__: row for method, row in _ROWS.items()}
+"""What there is to know about each method."""
+
+MODELS: dict[str, type[AbstractPlant]] = {name: row.gives for name, row in ROWS.items()}
 """The class of models that each method gives; `smith(underdamped=True)` alone gives a SOPDT."""

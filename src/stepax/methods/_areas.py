@@ -10,41 +10,46 @@ response still lacks there is missing, and the higher the moment, the more it we
 late in the record weighs as much.
 """
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Float
 
 from .._arrays import Scalar
 from .._result import Identification
-from .._status import Status, first_problem
+from .._status import Status
 from ..curves._second_order import lags_of
 from ..models._plants import FOPDT, EqualLag, PTn
 from ..models._responses import MAX_REAL_ORDER
-from ..records._characterise import integrals
 from ..records._record import StepRecord
-from ._reading import end_status, finish, own_delay, readable
+from ._reading import Delay, Reading, Span, end_status, own_delay
 
 
-def _cumulants(safe: StepRecord, delay) -> tuple[Scalar, Scalar, Scalar, Status]:
-    """Mean, counted from step and `delay`, variance and third cumulant of the impulse response."""
-    mean, m2, m3 = np.arange(1, 4) * integrals(safe, (0, 1, 2))
+class Moments(NamedTuple):
+    """Mean, from step and known dead time, variance and third cumulant of the impulse response."""
+
+    mean: Scalar
+    variance: Scalar
+    third: Scalar
+
+
+def _moments(reading: Reading) -> Moments:
+    """Moments, or harmless ones where they are not positive (`invalid_moments`)."""
+    mean, m2, m3 = np.arange(1, 4) * reading.areas((0, 1, 2))
     variance = m2 - mean**2
     third = m3 - 3 * mean * m2 + 2 * mean**3
-    positive = (mean > delay) & (variance > 0)
-    return (
-        jnp.where(positive, mean - delay, 1),
+    positive = (mean > reading.delay) & (variance > 0)
+    status = Status.where(positive, Status.successful, Status.invalid_moments)
+    reading.remember(status, mean=mean, variance=variance)
+    # Where they cannot be used those of one lag of 1, which every formula takes.
+    return Moments(
+        jnp.where(positive, mean - reading.delay, 1),
         jnp.where(positive, variance, 1),
         jnp.where(positive, third, 2),
-        Status.where(positive, Status.successful, Status.invalid_moments),
     )
 
 
-def area_fopdt(
-    record: StepRecord,
-    *,
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
-) -> Identification:
+def area_fopdt(record: StepRecord, *, span: Span = None, delay: Delay = 0.0) -> Identification:
     r"""First order plus dead time from two areas.
 
     $A_0 = \int (1 - y)\,dt = L + T$, $A_1 = \int_0^{A_0} y\,dt$, $T = e A_1$, $L = A_0 - T$
@@ -54,48 +59,31 @@ def area_fopdt(
     (`delay_dropped`); areas that are not positive refuse with `invalid_moments`. Standard errors
     are NaN: the method has none.
     """
-    problem, safe = readable(record, span)
-    (whole,) = integrals(safe, (0,))
-    start = jnp.asarray(delay, whole.dtype)
-    (rest,) = integrals(safe, (0,), whole)
+    reading = Reading(record, span, delay)
+    (whole,) = reading.areas((0,))
+    (rest,) = reading.areas((0,), whole)
     area = whole - rest
-    positive = (whole > start) & (area > 0)
+    positive = (whole > reading.delay) & (area > 0)
+    status = Status.where(positive, Status.successful, Status.invalid_moments)
     T = jnp.where(positive, np.e * area, 1)
-    raw = whole - start - T
-    own, dropped = own_delay(raw, whole)
-    valid = Status.where(positive, Status.successful, Status.invalid_moments)
-    status = first_problem(problem, valid, dropped)
-    details = {"area": whole, "area_below": area, "raw_delay": raw}
-    return finish(record, safe, FOPDT(T=T), start + own, status, details)
+    own = own_delay(whole - reading.delay - T, whole)
+    return reading.conclude(FOPDT(T=T), status, own=own, area=whole, area_below=area)
 
 
-def moments_fopdt(
-    record: StepRecord,
-    *,
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
-) -> Identification:
+def moments_fopdt(record: StepRecord, *, span: Span = None, delay: Delay = 0.0) -> Identification:
     r"""First order plus dead time from two moments: $T = \sigma$, $L = \mu_1 - \sigma$.
 
     Options and status as in `area_fopdt`; moments that are not positive refuse with
     `invalid_moments`.
     """
-    problem, safe = readable(record, span)
-    mean, variance, _, valid = _cumulants(safe, delay)
+    reading = Reading(record, span, delay)
+    mean, variance, _ = _moments(reading)
     T = jnp.sqrt(variance)
-    raw = mean - T
-    own, dropped = own_delay(raw, mean)
-    status = first_problem(problem, valid, dropped)
-    details = {"mean": mean + delay, "variance": variance, "raw_delay": raw}
-    return finish(record, safe, FOPDT(T=T), delay + own, status, details)
+    return reading.conclude(FOPDT(T=T), own=own_delay(mean - T, mean))
 
 
 def moments_sopdt(
-    record: StepRecord,
-    *,
-    tolerance: float = 0.5,
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    record: StepRecord, *, tolerance: float = 0.5, span: Span = None, delay: Delay = 0.0
 ) -> Identification:
     r"""Two lags plus dead time from three moments.
 
@@ -108,8 +96,8 @@ def moments_sopdt(
     warning `at_curve_end`; below `beyond_second_order`, above `beyond_first_order`. Further options
     and status as in `area_fopdt`.
     """
-    problem, safe = readable(record, span)
-    mean, variance, third, valid = _cumulants(safe, delay)
+    reading = Reading(record, span, delay)
+    mean, variance, third = _moments(reading)
     sigma = jnp.sqrt(variance)
     skewness = third / sigma**3
     least, most = 2**0.5, 2.0
@@ -123,32 +111,22 @@ def moments_sopdt(
     total = jnp.where(inside, 2 * jnp.cos(angle), jnp.where(low, least, 1.0))
     # (T1 - T2)^2 = 2 sigma^2 - (T1 + T2)^2
     contrast = jnp.where(inside, 2 / total**2 - 1, jnp.where(low, 0.0, 1.0))
-    lags = lags_of(contrast, total * sigma)
-    raw = mean - total * sigma
-    own, dropped = own_delay(raw, mean)
-    status = first_problem(problem, valid, status, dropped)
-    details = {"mean": mean + delay, "variance": variance, "skewness": skewness, "raw_delay": raw}
-    return finish(record, safe, PTn(lags=lags), delay + own, status, details)
+    model = PTn(lags=lags_of(contrast, total * sigma))
+    own = own_delay(mean - total * sigma, mean)
+    return reading.conclude(model, status, own=own, skewness=skewness)
 
 
-def moments_ptn(
-    record: StepRecord,
-    *,
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
-) -> Identification:
+def moments_ptn(record: StepRecord, *, span: Span = None, delay: Delay = 0.0) -> Identification:
     r"""n equal lags from two moments: $n = \mu_1^2/\sigma^2$, rounded to 1..40, $T = \mu_1/n$.
 
     More than 40.5 refuse with `beyond_last_order`, less than 0.5 take one lag with the warning
     `at_curve_end`. Options and further status as in `area_fopdt`; there is no dead time but
     `delay`.
     """
-    problem, safe = readable(record, span)
-    mean, variance, _, valid = _cumulants(safe, delay)
+    reading = Reading(record, span, delay)
+    mean, variance, _ = _moments(reading)
     order = mean**2 / variance
     n = jnp.clip(jnp.round(order), 1, MAX_REAL_ORDER)
     status = Status.where(order < 0.5, Status.at_curve_end, Status.successful)
     status = Status.where(order <= MAX_REAL_ORDER + 0.5, status, Status.beyond_last_order)
-    status = first_problem(problem, valid, status)
-    details = {"mean": mean + delay, "variance": variance, "order": order}
-    return finish(record, safe, EqualLag(T=mean / n, n=n), delay, status, details)
+    return reading.conclude(EqualLag(T=mean / n, n=n), status, order=order)

@@ -7,17 +7,17 @@ The charts are computed, not read: the curve of two lags of sum 1 over their sha
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array
 
 from .._arrays import Scalar
 from .._result import Identification
-from .._status import Status, first_problem
+from .._status import Status
 from ..curves._roots import clamped_root
 from ..curves._second_order import damping, lags_of, level_times, shape_ends, unit_response
 from ..models._plants import SOPDT, PTn
 from ..records._characterise import interpolated, relative_response
 from ..records._record import StepRecord
-from ._reading import end_status, finish, is_exact, own_delay, read_times, readable
+from ._reading import Delay, Reading, Span, end_status, is_exact, own_delay
 from ._two_points import VITECKOVA_LEVELS, lag_and_delay
 
 
@@ -37,6 +37,7 @@ class Chart(NamedTuple):
 
 
 HARRIOTT = Chart(level=0.73, total=1.3, height_at=0.5, lowest=0.25, highest=0.41)
+HARRIOTT_LEVELS = (*VITECKOVA_LEVELS, HARRIOTT.level)
 STREJC = Chart(level=0.72, total=1.2564, height_at=0.3574, lowest=0.155, highest=0.310)
 
 
@@ -48,28 +49,29 @@ class TwoLags(NamedTuple):
     status: Status
 
 
-def two_lags(safe: StepRecord, chart: Chart, time: Scalar, delay, exact: bool) -> TwoLags:
-    r"""Sum and ratio of two lags from the `time` of the chart's level, counted from step + `delay`.
+def two_lags(reading: Reading, chart: Chart, time: Scalar, start: Scalar, exact: bool) -> TwoLags:
+    r"""Sum and ratio of two lags from the `time` of the chart's level, counted from step + `start`.
 
     As printed, the sum is time/total. In truth the curves of different ratios do not meet in one
     point: `exact` solves for both unknowns at once, level and height on the same response.
     """
-    relative, t = relative_response(safe), safe.t - safe.step_time
+    safe = reading.safe
+    relative, t = relative_response(safe), safe.elapsed
     _, equal_lags, one_lag = shape_ends(time.dtype)
     height_at = jnp.asarray(chart.height_at, time.dtype)
 
     def total(shape: Scalar) -> Scalar:
         return time / (level_times((chart.level,), shape)[0] if exact else chart.total)
 
-    def reading(shape: Scalar) -> tuple[Scalar, Scalar]:
-        at = delay + height_at * total(shape)
+    def point(shape: Scalar) -> tuple[Scalar, Scalar]:
+        at = start + height_at * total(shape)
         return at, interpolated(t, relative, at)
 
     def excess(shape: Scalar) -> Scalar:
-        return unit_response(height_at, shape) - reading(shape)[1]
+        return unit_response(height_at, shape) - point(shape)[1]
 
     shape, _, high = clamped_root(excess, equal_lags, one_lag)
-    at, height = reading(shape)
+    at, height = point(shape)
     first, last = (unit_response(height_at, end) for end in (equal_lags, one_lag))
     status = end_status(
         (first - height, first - chart.lowest, Status.beyond_second_order),
@@ -80,11 +82,7 @@ def two_lags(safe: StepRecord, chart: Chart, time: Scalar, delay, exact: bool) -
 
 
 def harriott(
-    record: StepRecord,
-    *,
-    constants: str = "printed",
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    record: StepRecord, *, constants: str = "printed", span: Span = None, delay: Delay = 0.0
 ) -> Identification:
     r"""Harriott's two lags plus dead time: sum from t73, ratio from the height at half the sum.
 
@@ -100,15 +98,12 @@ def harriott(
     `viteckova_1`. Near equal lags the two lags are ill-determined, their sum is not.
     """
     exact = is_exact(constants)
-    problem, safe = readable(record, span)
-    levels = (*VITECKOVA_LEVELS, HARRIOTT.level)
-    (t33, t70, t73), details, read = read_times(safe, levels, delay)
-    _, raw = lag_and_delay("viteckova_2", exact, t33, t70)
-    own, dropped = own_delay(raw, t73)
-    found = two_lags(safe, HARRIOTT, t73 - own, delay + own, exact)
-    status = first_problem(problem, read, found.status, dropped)
-    details |= found.details | {"raw_delay": raw}
-    return finish(record, safe, PTn(lags=found.lags), delay + own, status, details)
+    reading = Reading(record, span, delay)
+    t33, t70, t73 = reading.times(HARRIOTT_LEVELS)
+    _, L = lag_and_delay("viteckova_2", exact, t33, t70)
+    own = own_delay(L, t73)
+    found = two_lags(reading, HARRIOTT, t73 - own.kept, reading.delay + own.kept, exact)
+    return reading.conclude(PTn(lags=found.lags), found.status, own=own, **found.details)
 
 
 SMITH_LEVELS = (0.20, 0.60)
@@ -127,8 +122,8 @@ def smith(
     underdamped: bool = False,
     tolerance: float = 2e-3,
     constants: str = "printed",
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    span: Span = None,
+    delay: Delay = 0.0,
 ) -> Identification:
     r"""Smith's two lags from the times at 20 and 60 %: damping from t20/t60, then T from t60.
 
@@ -146,17 +141,13 @@ def smith(
     `at_curve_end`; further out `beyond_first_order` (below) or `beyond_second_order` (above).
     """
     exact = is_exact(constants)
-    problem, safe = readable(record, span)
+    reading, own = Reading(record, span, delay), None
     if dead_time:
-        levels = (*SMITH_LEVELS, *VITECKOVA_LEVELS)
-        times, details, read = read_times(safe, tuple(sorted(levels)), delay)
-        t20, t33, t60, t70 = times
-        _, raw = lag_and_delay("viteckova_2", exact, t33, t70)
-        own, dropped = own_delay(raw, t70)
-        t20, t60, details = t20 - own, t60 - own, details | {"raw_delay": raw}
+        t20, t33, t60, t70 = reading.times(sorted((*SMITH_LEVELS, *VITECKOVA_LEVELS)))
+        own = own_delay(lag_and_delay("viteckova_2", exact, t33, t70)[1], t70)
+        t20, t60 = t20 - own.kept, t60 - own.kept
     else:
-        (t20, t60), details, read = read_times(safe, SMITH_LEVELS, delay)
-        own, dropped = jnp.zeros_like(t20), Status.successful
+        t20, t60 = reading.times(SMITH_LEVELS)
 
     ratio = t20 / t60
     no_damping, equal_lags, one_lag = shape_ends(ratio.dtype)
@@ -172,5 +163,4 @@ def smith(
         model = SOPDT(zeta=zeta, omega_n=omega_n / total)
     else:
         model = PTn(lags=lags_of(jnp.where(high <= 0, 1, shape), total))
-    status = first_problem(problem, read, status, dropped)
-    return finish(record, safe, model, delay + own, status, details)
+    return reading.conclude(model, status, own=own)

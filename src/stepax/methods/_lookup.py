@@ -2,44 +2,39 @@
 
 from collections.abc import Iterable
 
-from jaxtyping import ArrayLike, Float
-
 from .._result import Identification
-from .._status import first_problem
 from ..curves._lookup import lookup
 from ..curves._times import LEVELS
 from ..models._abstract import AbstractSpreadChain
 from ..models._plants import Hudzovic, Sani
 from ..models._spread import DEFAULT_ORDERS
 from ..records._record import StepRecord
-from ._reading import finish, read_tangent, read_times, readable
+from ._reading import Delay, Reading, Span
 
 
 def _by_tangent(model: type[AbstractSpreadChain], record, span, delay, orders, tolerance):
-    problem, safe = readable(record, span)
-    line, details, missing = read_tangent(safe)
-    found, status = lookup(
-        model, Tu=line.Tu - delay, Tg=line.Tg, orders=orders, tolerance=tolerance
-    )
-    return finish(record, safe, found, delay, first_problem(problem, missing, status), details)
+    reading = Reading(record, span, delay)
+    line = reading.tangent()
+    found, status = lookup(model, Tu=line.Tu, Tg=line.Tg, orders=orders, tolerance=tolerance)
+    return reading.conclude(found, status)
 
 
 def _by_levels(
     model: type[AbstractSpreadChain], record, span, delay, orders, tolerance, formula=False
 ):
-    problem, safe = readable(record, span)
-    (t10, t50, t90), details, read = read_times(safe, LEVELS, delay)
+    reading = Reading(record, span, delay)
+    t10, t50, t90 = reading.times(LEVELS)
     found, status = lookup(
         model, t10=t10, t50=t50, t90=t90, orders=orders, formula=formula, tolerance=tolerance
     )
-    return finish(record, safe, found, delay, first_problem(problem, read, status), details)
+    return reading.conclude(found, status)
 
 
 def hudzovic_tu_tg(
     record: StepRecord,
     *,
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    span: Span = None,
+    delay: Delay = 0.0,
     orders: Iterable[int] = DEFAULT_ORDERS,
     tolerance: float = 1e-6,
 ) -> Identification:
@@ -58,8 +53,8 @@ def hudzovic_tu_tg(
 def hudzovic_t10_t50_t90(
     record: StepRecord,
     *,
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    span: Span = None,
+    delay: Delay = 0.0,
     orders: Iterable[int] = DEFAULT_ORDERS,
     tolerance: float = 1e-6,
 ) -> Identification:
@@ -75,8 +70,8 @@ def hudzovic_t10_t50_t90(
 def sani_tu_tg(
     record: StepRecord,
     *,
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    span: Span = None,
+    delay: Delay = 0.0,
     orders: Iterable[int] = DEFAULT_ORDERS,
     tolerance: float = 1e-6,
 ) -> Identification:
@@ -91,8 +86,8 @@ def sani_tu_tg(
 def sani_t10_t50_t90(
     record: StepRecord,
     *,
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    span: Span = None,
+    delay: Delay = 0.0,
     orders: Iterable[int] = DEFAULT_ORDERS,
     tolerance: float = 1e-6,
 ) -> Identification:
@@ -108,8 +103,8 @@ def sani_t10_t50_t90(
 def sani_interpolation(
     record: StepRecord,
     *,
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    span: Span = None,
+    delay: Delay = 0.0,
     orders: Iterable[int] = DEFAULT_ORDERS,
     tolerance: float = 1e-6,
 ) -> Identification:

@@ -1,16 +1,31 @@
 """What point methods share: reading a record, dead times, charts' ends, and the conclusion."""
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import equinox as eqx
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, ArrayLike, Float
 
 from .._arrays import Flag, Scalar, nan_where
 from .._result import Identification, conclude
-from .._status import Status, refused
-from ..records._characterise import Tangent, crossing_times, levels, smoothed, tangent
+from .._status import Status, first_problem, refused
+from ..models._abstract import AbstractPlant
+from ..records._characterise import (
+    Tangent,
+    crossing_times,
+    integrals,
+    levels as levels_of,
+    smoothed,
+    tangent,
+)
 from ..records._record import StepRecord, usable_record
 
+
+Span = float | None
+"""Share of the samples in each window of LOESS; None takes the record as it is."""
+Delay = Float[ArrayLike, ""]
+"""Dead time known beforehand, in the unit of time."""
 
 CONSTANTS = ("printed", "exact")
 """Constants as they stand in the source, rounded, or recomputed from theory."""
@@ -23,39 +38,130 @@ def is_exact(constants: str) -> bool:
     return constants == "exact"
 
 
-def readable(record: StepRecord, span: float | None) -> tuple[Status, StepRecord]:
-    """`usable_record`, smoothed once where a `span` is given, with its levels held."""
-    problem, safe = usable_record(record)
-    initial, final = levels(safe)
-    y = smoothed(safe, span)
-    return problem, StepRecord(safe.t, y, safe.step_time, safe.step_size, initial, final)
-
-
 def time_name(level: float) -> str:
     """Name of a level's time among the details: t33, t35_3."""
-    return f"t{100 * level:g}".replace(".", "_")
+    return f"t{100 * level:.3g}".replace(".", "_")
 
 
-def read_times(safe: StepRecord, levels, delay) -> tuple[Array, dict[str, Scalar], Status]:
-    """Times at which a response reaches ascending `levels`, counted from step and `delay`.
+class Crossings(NamedTuple):
+    """When a response reaches some levels.
 
-    **Returns:** the times, or harmless ones where the status refuses; the times from the step by
-    name; and `levels_not_crossed`, or `invalid_times` where they are not positive and increasing.
+    `times` from step and known dead time, harmless ones where the `status` refuses; as `read`,
+    from the step, NaN where a level is not reached.
     """
-    levels = np.asarray(levels)
-    read = crossing_times(safe, jnp.asarray(levels, safe.t.dtype))
-    times, status = checked_times(read, delay)
-    times = jnp.where(refused(status), jnp.asarray(-np.log1p(-levels), times.dtype), times)
-    return times, dict(zip(map(time_name, levels), read, strict=True)), status
+
+    times: Array
+    read: Array
+    status: Status
 
 
-def checked_times(read: Array, delay) -> tuple[Array, Status]:
-    """Times counted from step and `delay`, and whether they can be used."""
-    times = read - delay
-    crossed = jnp.all(jnp.isfinite(read))
-    rising = (times[0] > 0) & jnp.all(jnp.diff(times) > 0)
-    status = Status.where(rising, Status.successful, Status.invalid_times)
-    return times, Status.where(crossed, status, Status.levels_not_crossed)
+class OwnDelay(NamedTuple):
+    """Dead time that a method computes: `raw`, of either sign; what is `kept` of it; the status."""
+
+    raw: Scalar
+    kept: Scalar
+    status: Status
+
+
+class Reading:
+    """One record as a point method reads it; it lives inside one call.
+
+    Times count from step + `delay`, the dead time known beforehand. What `times` and `tangent`
+    read is remembered: its status, and for the details what was read, counted from the step alone.
+    `conclude` makes the result of it.
+
+    A record that is refused is replaced by a harmless one, so that a method's formula need not ask.
+    """
+
+    def __init__(self, record: StepRecord, span: Span, delay: Delay):
+        problem, safe = usable_record(record)
+        # Read once, before LOESS, and held: all that follows speaks of shares of the same change.
+        self.initial, self.final = levels_of(safe)
+        y = smoothed(safe, span)
+        self.record = record
+        self.safe = StepRecord(safe.t, y, safe.step_time, safe.step_size, self.initial, self.final)
+        self.delay = jnp.asarray(delay, record.t.dtype)
+        self.details: dict[str, Array] = {}
+        self._statuses = [problem]
+
+    def crossings(self, levels: Sequence[float] | Array) -> Crossings:
+        """Times of ascending levels, not remembered: for who has yet to choose what to use.
+
+        Status: `levels_not_crossed`, or `invalid_times` where they are not positive and increasing.
+        """
+        levels = jnp.asarray(levels, self.delay.dtype)
+        read = crossing_times(self.safe, levels)
+        times = read - self.delay
+        rising = (times[0] > 0) & jnp.all(jnp.diff(times) > 0)
+        status = Status.where(rising, Status.successful, Status.invalid_times)
+        crossed = jnp.all(jnp.isfinite(read))
+        status = Status.where(crossed, status, Status.levels_not_crossed)
+        # Instead of times that cannot be used those of one lag of 1, which every formula takes.
+        return Crossings(jnp.where(refused(status), -jnp.log1p(-levels), times), read, status)
+
+    def times(self, levels: Sequence[float]) -> Array:
+        """Times of ascending levels, one each; `crossings`, remembered as t33, t70, ..."""
+        found = self.crossings(levels)
+        self.remember(found.status, **dict(zip(map(time_name, levels), found.read, strict=True)))
+        return found.times
+
+    def tangent(self) -> Tangent:
+        """The tangent, or a harmless one where there is none (`no_inflection`).
+
+        Remembered as Tu, Tg, t_inflection.
+        """
+        line = tangent(self.safe)
+        found = jnp.isfinite(line.Tg) & (line.Tg > 0)
+        status = Status.where(found, Status.successful, Status.no_inflection)
+        self.remember(status, Tu=line.Tu, Tg=line.Tg, t_inflection=line.t_inflection)
+        line = line._replace(Tu=line.Tu - self.delay, t_inflection=line.t_inflection - self.delay)
+        return Tangent(*(jnp.where(found, x, 1) for x in line))
+
+    def areas(self, powers: Sequence[int], upper: Scalar | None = None) -> Array:
+        """Integrals of t^k (1 - y) from the step on; a method says itself which it can use."""
+        return integrals(self.safe, powers, upper)
+
+    def remember(self, status: Status, **details: Array) -> None:
+        """What else a method reads: whether that can be used, and what it is, by name."""
+        self._statuses.append(status)
+        self.details |= details
+
+    def conclude(
+        self,
+        model: AbstractPlant,
+        *statuses: Status,
+        own: OwnDelay | None = None,
+        **details: Array,
+    ) -> Identification:
+        """The result: `model` with gain, offset and dead time, and the first problem there was.
+
+        Problems are asked for in this order: the record, what was read, `statuses`, and the dead
+        time of the method's `own`, which comes on top of the one known beforehand. `details` of the
+        method's own stand beside what was read; all are NaN where the record or a reading is
+        refused, but not where a model of the family cannot follow.
+        """
+        problems, delay = [*self._statuses, *statuses], self.delay
+        details = self.details | details
+        if own is not None:
+            problems, delay = [*problems, own.status], delay + own.kept
+            details["raw_delay"] = own.raw
+        status = first_problem(*problems)
+        gain = (self.final - self.initial) / self.safe.step_size
+        model = eqx.tree_at(
+            lambda m: (m.gain, m.offset, m.delay), model, (gain, self.initial, delay)
+        )
+        details = nan_where(unread(status), details) | self.record.details
+        return conclude(self.record, model, status, details=details)
+
+
+def own_delay(raw: Scalar, scale: Scalar) -> OwnDelay:
+    """Dead time that a method computed: a negative one is dropped, with a warning.
+
+    Without the warning where it is negative by no more than rounding, relative to `scale`.
+    """
+    dropped = raw < -rounding(raw.dtype) * scale
+    status = Status.where(dropped, Status.delay_dropped, Status.successful)
+    return OwnDelay(raw, jnp.maximum(raw, 0), status)
 
 
 def rounding(dtype) -> float:
@@ -65,16 +171,6 @@ def rounding(dtype) -> float:
     sqrt(eps) of it (`shape_ends`): 1.2e-7 in all, 4.3e-4 in float32.
     """
     return 1e-7 + 1.25 * float(jnp.finfo(dtype).eps) ** 0.5
-
-
-def own_delay(raw: Scalar, scale: Scalar) -> tuple[Scalar, Status]:
-    """Dead time that a method computed: a negative one is dropped, with a warning.
-
-    Without the warning where it is negative by no more than rounding, relative to `scale`.
-    """
-    dropped = raw < -rounding(raw.dtype) * scale
-    status = Status.where(dropped, Status.delay_dropped, Status.successful)
-    return jnp.maximum(raw, 0), status
 
 
 def end_status(*ends: tuple[Scalar, float | Scalar, Status]) -> Status:
@@ -95,29 +191,3 @@ def unread(status: Status) -> Flag:
     """Whether a status refuses the record or the reading, not the model that would follow."""
     ends = (Status.beyond_first_order, Status.beyond_second_order, Status.beyond_last_order)
     return refused(status) & jnp.all(jnp.stack([status != end for end in ends]))
-
-
-def finish(record, safe, found, delay, status: Status, details) -> Identification:
-    """Gain and offset from the levels; the record's own details beside the method's.
-
-    The method's details are NaN where the record or the reading is refused.
-    """
-    details = nan_where(unread(status), details)
-    initial, final = levels(safe)
-    gain = (final - initial) / safe.step_size
-    model = eqx.tree_at(
-        lambda m: (m.gain, m.offset, m.delay),
-        found,
-        (gain, initial, jnp.asarray(delay, gain.dtype)),
-    )
-    return conclude(record, model, status, details=details | record.details)
-
-
-def read_tangent(safe: StepRecord) -> tuple[Tangent, dict[str, Scalar], Status]:
-    """The tangent, or a harmless one where there is none; as read, by name; `no_inflection`."""
-    line = tangent(safe)
-    found = jnp.isfinite(line.Tg) & (line.Tg > 0)
-    status = Status.where(found, Status.successful, Status.no_inflection)
-    details = {"Tu": line.Tu, "Tg": line.Tg, "t_inflection": line.t_inflection}
-    usable = Tangent(*(jnp.where(found, x, 1) for x in line))
-    return usable, details, status

@@ -9,18 +9,17 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array
 from scipy import special
 
 from .._arrays import Scalar
 from .._result import Identification
-from .._status import Status, first_problem, refused
+from .._status import Status, first_problem
 from ..curves._times import equal_lag_ends
 from ..models._plants import EqualLag, PTn
-from ..records._characterise import crossing_times
 from ..records._record import StepRecord
 from ._charts import STREJC, two_lags
-from ._reading import checked_times, finish, is_exact, read_tangent, read_times, readable
+from ._reading import Delay, Reading, Span, is_exact, time_name
 
 
 LATZEL_LEVELS = (0.10, 0.50, 0.90)
@@ -77,11 +76,7 @@ def nearest(value: Scalar, table: np.ndarray) -> tuple[Array, Status]:
 
 
 def latzel(
-    record: StepRecord,
-    *,
-    constants: str = "printed",
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    record: StepRecord, *, constants: str = "printed", span: Span = None, delay: Delay = 0.0
 ) -> Identification:
     r"""Latzel's n equal lags from the times at 10, 50 and 90 %.
 
@@ -96,20 +91,16 @@ def latzel(
     `span`, `delay` and further status as in `viteckova_1`; there is no dead time but `delay`.
     """
     table = latzel_table(is_exact(constants))
-    problem, safe = readable(record, span)
-    times, details, read = read_times(safe, LATZEL_LEVELS, delay)
+    reading = Reading(record, span, delay)
+    times = reading.times(LATZEL_LEVELS)
     place, end = nearest(times[0] / times[2], table.mu)
     n, weights = (jnp.asarray(x, times.dtype)[place] for x in (table.n, table.weights))
     model = EqualLag(T=jnp.mean(weights * times), n=n)
-    return finish(record, safe, model, delay, first_problem(problem, read, end), details)
+    return reading.conclude(model, end)
 
 
 def strejc(
-    record: StepRecord,
-    *,
-    constants: str = "printed",
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    record: StepRecord, *, constants: str = "printed", span: Span = None, delay: Delay = 0.0
 ) -> Identification:
     r"""Strejc's method: by Tu/Tn of the tangent two different lags, or n equal ones up to ten.
 
@@ -131,28 +122,27 @@ def strejc(
     """
     exact = is_exact(constants)
     table = strejc_table(exact)
-    problem, safe = readable(record, span)
-    line, details, missing = read_tangent(safe)
-    ratio = jax.lax.stop_gradient((line.Tu - delay) / line.Tg)
+    reading = Reading(record, span, delay)
+    line = reading.tangent()
+    ratio = jax.lax.stop_gradient(line.Tu / line.Tg)
     threshold = float(table.ratio[0])
     two = ratio < threshold
 
-    (t72,), read_72, reached = read_times(safe, (STREJC.level,), delay)
-    pair = two_lags(safe, STREJC, t72, delay, exact)
+    t72 = reading.crossings((STREJC.level,))
+    pair = two_lags(reading, STREJC, t72.times[0], reading.delay, exact)
 
     place, end = nearest(jnp.maximum(ratio, threshold), table.ratio)
     n, height = (jnp.asarray(x, ratio.dtype)[place] for x in (table.n, table.height))
-    t_i = crossing_times(safe, height)
-    (T,), crossed = checked_times(t_i[None], delay)
-    T = jnp.where(refused(crossed), 1, T) / (n - 1)
+    t_i = reading.crossings(height[None])
+    equal = jnp.where(np.arange(STREJC_ORDERS[-1]) < n, t_i.times[0] / (n - 1), 0)
 
-    lags = jnp.where(
-        two,
-        jnp.concatenate([pair.lags, jnp.zeros(STREJC_ORDERS[-1] - 2, T.dtype)]),
-        jnp.where(np.arange(STREJC_ORDERS[-1]) < n, T, 0),
+    lags = jnp.where(two, jnp.pad(pair.lags, (0, STREJC_ORDERS[-1] - 2)), equal)
+    branch = Status.where(
+        two, first_problem(t72.status, pair.status), first_problem(t_i.status, end)
     )
-    branch = Status.where(two, first_problem(reached, pair.status), first_problem(crossed, end))
-    for values, used in ((read_72 | pair.details, two), ({"t_i": t_i, "y_i": height}, ~two)):
-        details |= {name: jnp.where(used, x, jnp.nan) for name, x in values.items()}
-    status = first_problem(problem, missing, branch)
-    return finish(record, safe, PTn(lags=lags), delay, status, details)
+    of_pair = {time_name(STREJC.level): t72.read[0]} | pair.details
+    details = {name: jnp.where(two, x, jnp.nan) for name, x in of_pair.items()}
+    for name, x in (("t_i", t_i.read[0]), ("y_i", height)):
+        details[name] = jnp.where(two, jnp.nan, x)
+    reading.remember(branch, **details)
+    return reading.conclude(PTn(lags=lags))

@@ -3,16 +3,15 @@
 import math
 
 import jax.numpy as jnp
-from jaxtyping import ArrayLike, Float
 
 from .._arrays import Scalar
 from .._result import Identification
-from .._status import Status, first_problem
+from .._status import Status
 from ..curves._roots import clamped_root
 from ..curves._second_order import lags_of, shape_ends
 from ..models._plants import FOPDT, PTn
 from ..records._record import StepRecord
-from ._reading import end_status, finish, own_delay, read_tangent, read_times, readable
+from ._reading import Delay, Reading, Span, end_status, own_delay
 
 
 ONE_LAG = 1 - math.exp(-1)
@@ -20,10 +19,7 @@ ONE_LAG = 1 - math.exp(-1)
 
 
 def ziegler_nichols_tangent(
-    record: StepRecord,
-    *,
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    record: StepRecord, *, span: Span = None, delay: Delay = 0.0
 ) -> Identification:
     r"""First order plus dead time from the tangent at the inflection: L = Tu, T = Tg.
 
@@ -32,43 +28,28 @@ def ziegler_nichols_tangent(
     beforehand, on top of which L comes. **Status:** `no_inflection` without a tangent, a negative
     L is left out with the warning `delay_dropped`. Standard errors are NaN: the method has none.
     """
-    problem, safe = readable(record, span)
-    line, details, missing = read_tangent(safe)
-    raw = line.Tu - delay
-    own, dropped = own_delay(raw, line.Tg)
-    status = first_problem(problem, missing, dropped)
-    details["raw_delay"] = raw
-    return finish(record, safe, FOPDT(T=line.Tg), delay + own, status, details)
+    reading = Reading(record, span, delay)
+    line = reading.tangent()
+    return reading.conclude(FOPDT(T=line.Tg), own=own_delay(line.Tu, line.Tg))
 
 
-def tangent_63(
-    record: StepRecord,
-    *,
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
-) -> Identification:
+def tangent_63(record: StepRecord, *, span: Span = None, delay: Delay = 0.0) -> Identification:
     r"""First order plus dead time: L = Tu of the tangent, T = t63 - L at the share 1 - 1/e.
 
     Miller (1967); Astrom, Hagglund (1995). The response is met at 63.2 %, which serves plants of
     higher order far better than the tangent alone. Options and status as in
     `ziegler_nichols_tangent`; a level that is not reached gives `levels_not_crossed`.
     """
-    problem, safe = readable(record, span)
-    line, details, missing = read_tangent(safe)
-    (t63,), _, read = read_times(safe, (ONE_LAG,), delay)
-    raw = line.Tu - delay
-    own, dropped = own_delay(raw, line.Tg)
-    negative = Status.where(t63 > own, Status.successful, Status.invalid_times)
-    status = first_problem(problem, missing, read, negative, dropped)
-    details |= {"t63_2": t63 + delay, "raw_delay": raw}
-    return finish(record, safe, FOPDT(T=t63 - own), delay + own, status, details)
+    reading = Reading(record, span, delay)
+    line = reading.tangent()
+    (t63,) = reading.times((ONE_LAG,))
+    own = own_delay(line.Tu, line.Tg)
+    negative = Status.where(t63 > own.kept, Status.successful, Status.invalid_times)
+    return reading.conclude(FOPDT(T=t63 - own.kept), negative, own=own)
 
 
 def oldenbourg_sartorius(
-    record: StepRecord,
-    *,
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    record: StepRecord, *, span: Span = None, delay: Delay = 0.0
 ) -> Identification:
     r"""Two lags from the tangent at the inflection, exactly.
 
@@ -81,8 +62,8 @@ def oldenbourg_sartorius(
     `beyond_first_order` or `beyond_second_order`. `span` and `delay` as in
     `ziegler_nichols_tangent`; there is no dead time but `delay`, on which the lags do not depend.
     """
-    problem, safe = readable(record, span)
-    line, details, missing = read_tangent(safe)
+    reading = Reading(record, span, delay)
+    line = reading.tangent()
     total = line.Tu + line.Tg - line.t_inflection
     negative = Status.where(total > 0, Status.successful, Status.invalid_times)
     total = jnp.where(total > 0, total, 1)
@@ -93,8 +74,7 @@ def oldenbourg_sartorius(
         (low, 0.01, Status.beyond_second_order), (-high, 0.01, Status.beyond_first_order)
     )
     lags = lags_of(jnp.where(high <= 0, 1, shape), total)
-    status = first_problem(problem, missing, negative, status)
-    return finish(record, safe, PTn(lags=lags), delay, status, details)
+    return reading.conclude(PTn(lags=lags), negative, status)
 
 
 def _log_ratio(shape: Scalar) -> Scalar:

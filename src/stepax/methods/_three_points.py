@@ -5,16 +5,15 @@ tells the unit of time, and one of the times the dead time.
 """
 
 import jax.numpy as jnp
-from jaxtyping import ArrayLike, Float
 
 from .._arrays import Scalar
 from .._result import Identification
-from .._status import Status, first_problem
+from .._status import Status
 from ..curves._roots import clamped_root
 from ..curves._second_order import damping, lags_of, level_times, shape_ends
 from ..models._plants import SOPDT, PTn
 from ..records._record import StepRecord
-from ._reading import end_status, finish, is_exact, own_delay, read_times, readable
+from ._reading import Delay, Reading, Span, end_status, is_exact, own_delay
 
 
 def late_to_early(times) -> Scalar:
@@ -55,8 +54,8 @@ def alfaro_overdamped(
     *,
     constants: str = "printed",
     tolerance: float = 2e-3,
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    span: Span = None,
+    delay: Delay = 0.0,
 ) -> Identification:
     r"""Alfaro's two lags plus dead time, from the times at 25, 50 and 75 %.
 
@@ -70,11 +69,11 @@ def alfaro_overdamped(
     `delay` and further status as in `viteckova_1`.
     """
     exact = is_exact(constants)
-    problem, safe = readable(record, span)
-    times, details, read = read_times(safe, ALFARO_LEVELS, delay)
+    reading = Reading(record, span, delay)
+    times = reading.times(ALFARO_LEVELS)
     if exact:
         _, equal_lags, one_lag = shape_ends(times.dtype)
-        shape, unit, raw, beyond, status = solve_shape(
+        shape, unit, L, beyond, status = solve_shape(
             ALFARO_LEVELS, times, equal_lags, one_lag, tolerance
         )
         lags = lags_of(jnp.where(beyond >= 0, 1, shape), unit)
@@ -86,11 +85,8 @@ def alfaro_overdamped(
         status = Status.where((a <= 1) & (below > 0), status, Status.beyond_second_order)
         a = jnp.clip(a, 0, 1)
         T = (t75 - t25) / (0.9866 + 0.7036 * a)
-        lags, raw = jnp.stack([T, a * T]), t75 - (1.3421 + 1.3455 * a) * T
-    own, dropped = own_delay(raw, times[2])
-    details["raw_delay"] = raw
-    status = first_problem(problem, read, status, dropped)
-    return finish(record, safe, PTn(lags=lags), delay + own, status, details)
+        lags, L = jnp.stack([T, a * T]), t75 - (1.3421 + 1.3455 * a) * T
+    return reading.conclude(PTn(lags=lags), status, own=own_delay(L, times[2]))
 
 
 RANGAIAH_LEVELS = (0.14, 0.55, 0.91)
@@ -101,8 +97,8 @@ def rangaiah_krishnaswamy(
     *,
     constants: str = "exact",
     tolerance: float = 2e-3,
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    span: Span = None,
+    delay: Delay = 0.0,
 ) -> Identification:
     r"""Rangaiah's and Krishnaswamy's second order plus dead time, from 14, 55 and 91 %.
 
@@ -117,22 +113,19 @@ def rangaiah_krishnaswamy(
     (`delay_dropped`). `span`, `delay` and further status as in `viteckova_1`.
     """
     exact = is_exact(constants)
-    problem, safe = readable(record, span)
-    times, details, read = read_times(safe, RANGAIAH_LEVELS, delay)
+    reading = Reading(record, span, delay)
+    times = reading.times(RANGAIAH_LEVELS)
     if exact:
         no_damping, _, one_lag = shape_ends(times.dtype)
-        shape, unit, raw, _, status = solve_shape(
+        shape, unit, L, _, status = solve_shape(
             RANGAIAH_LEVELS, times, no_damping, one_lag, tolerance
         )
         zeta, omega_n = damping(shape)
         omega_n = omega_n / unit
     else:
-        zeta, tau, raw, status = _rangaiah_polynomials(times)
+        zeta, tau, L, status = _rangaiah_polynomials(times)
         omega_n = 1 / tau
-    own, dropped = own_delay(raw, times[2])
-    details["raw_delay"] = raw
-    status = first_problem(problem, read, status, dropped)
-    return finish(record, safe, SOPDT(zeta=zeta, omega_n=omega_n), delay + own, status, details)
+    return reading.conclude(SOPDT(zeta=zeta, omega_n=omega_n), status, own=own_delay(L, times[2]))
 
 
 def _polynomial(x: Scalar, *coefficients: float) -> Scalar:

@@ -16,17 +16,16 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array
 from scipy import special
 
 from .._arrays import Scalar
 from .._result import Identification
-from .._status import first_problem
 from ..models._plants import FOPDT, EqualLag
 from ..models._responses import MAX_ORDER
 from ..models._spread import check_orders
 from ..records._record import StepRecord
-from ._reading import finish, is_exact, own_delay, read_times, readable
+from ._reading import Delay, Reading, Span, is_exact, own_delay
 
 
 class TwoPoints(NamedTuple):
@@ -79,21 +78,15 @@ def _evaluate(constants, early: Scalar, late: Scalar) -> tuple[Scalar, Scalar]:
 
 def _two_points(name: str, record, constants, span, delay) -> Identification:
     exact, formula = is_exact(constants), TWO_POINTS[name]
-    problem, safe = readable(record, span)
-    (early, late), details, read = read_times(safe, formula.levels, delay)
-    T, raw = lag_and_delay(name, exact, early, late)
-    own, dropped = own_delay(raw, late)
+    reading = Reading(record, span, delay)
+    early, late = reading.times(formula.levels)
+    T, L = lag_and_delay(name, exact, early, late)
     model = FOPDT(T=T) if formula.order == 1 else EqualLag(T=T, n=formula.order)
-    status = first_problem(problem, read, dropped)
-    return finish(record, safe, model, delay + own, status, details | {"raw_delay": raw})
+    return reading.conclude(model, own=own_delay(L, late))
 
 
 def viteckova_1(
-    record: StepRecord,
-    *,
-    constants: str = "printed",
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    record: StepRecord, *, constants: str = "printed", span: Span = None, delay: Delay = 0.0
 ) -> Identification:
     r"""Viteckova's first order plus dead time, from the times at 33 and 70 %.
 
@@ -109,11 +102,7 @@ def viteckova_1(
 
 
 def viteckova_2(
-    record: StepRecord,
-    *,
-    constants: str = "printed",
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    record: StepRecord, *, constants: str = "printed", span: Span = None, delay: Delay = 0.0
 ) -> Identification:
     r"""Viteckova's two equal lags plus dead time, from the times at 33 and 70 %.
 
@@ -125,11 +114,7 @@ def viteckova_2(
 
 
 def sundaresan_krishnaswamy(
-    record: StepRecord,
-    *,
-    constants: str = "printed",
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    record: StepRecord, *, constants: str = "printed", span: Span = None, delay: Delay = 0.0
 ) -> Identification:
     r"""Sundaresan's and Krishnaswamy's first order plus dead time, from 35.3 and 85.3 %.
 
@@ -142,11 +127,7 @@ def sundaresan_krishnaswamy(
 
 
 def alfaro_1(
-    record: StepRecord,
-    *,
-    constants: str = "printed",
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    record: StepRecord, *, constants: str = "printed", span: Span = None, delay: Delay = 0.0
 ) -> Identification:
     r"""Alfaro's first order plus dead time, from the times at 25 and 75 %.
 
@@ -158,11 +139,7 @@ def alfaro_1(
 
 
 def alfaro_2(
-    record: StepRecord,
-    *,
-    constants: str = "printed",
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    record: StepRecord, *, constants: str = "printed", span: Span = None, delay: Delay = 0.0
 ) -> Identification:
     r"""Alfaro's two equal lags plus dead time, from the times at 25 and 75 %.
 
@@ -173,11 +150,7 @@ def alfaro_2(
 
 
 def smith_1972(
-    record: StepRecord,
-    *,
-    constants: str = "printed",
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    record: StepRecord, *, constants: str = "printed", span: Span = None, delay: Delay = 0.0
 ) -> Identification:
     r"""Smith's first order plus dead time, from the times at 28.3 and 63.2 %.
 
@@ -188,11 +161,7 @@ def smith_1972(
 
 
 def broida(
-    record: StepRecord,
-    *,
-    constants: str = "printed",
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    record: StepRecord, *, constants: str = "printed", span: Span = None, delay: Delay = 0.0
 ) -> Identification:
     r"""Broida's first order plus dead time, from the times at 28 and 40 %.
 
@@ -204,11 +173,7 @@ def broida(
 
 
 def chen_yang(
-    record: StepRecord,
-    *,
-    constants: str = "printed",
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    record: StepRecord, *, constants: str = "printed", span: Span = None, delay: Delay = 0.0
 ) -> Identification:
     r"""Chen's and Yang's first order plus dead time, from the times at 33 and 67 %.
 
@@ -220,11 +185,7 @@ def chen_yang(
 
 
 def ho(
-    record: StepRecord,
-    *,
-    constants: str = "printed",
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    record: StepRecord, *, constants: str = "printed", span: Span = None, delay: Delay = 0.0
 ) -> Identification:
     r"""Ho's, Hang's and Cao's first order plus dead time, from the times at 35 and 85 %.
 
@@ -239,8 +200,8 @@ def viteckova(
     *,
     order: int | None = None,
     orders: Iterable[int] = range(1, MAX_ORDER + 1),
-    span: float | None = None,
-    delay: Float[ArrayLike, ""] = 0.0,
+    span: Span = None,
+    delay: Delay = 0.0,
 ) -> Identification:
     r"""Viteckova's method for any number of equal lags plus dead time: 33 and 70 %, n by J.
 
@@ -249,15 +210,12 @@ def viteckova(
     where it is negative. `order` takes one whole n instead, of any size. `span`, `delay` and
     status as in `viteckova_1`. The derivatives are those at the order kept.
     """
-    problem, safe = readable(record, span)
-    (early, late), details, read = read_times(safe, VITECKOVA_LEVELS, delay)
+    reading = Reading(record, span, delay)
+    early, late = reading.times(VITECKOVA_LEVELS)
 
     def fit(n, constants) -> Identification:
-        T, raw = _evaluate(constants, early, late)
-        own, dropped = own_delay(raw, late)
-        status = first_problem(problem, read, dropped)
-        model = EqualLag(T=T, n=n)
-        return finish(record, safe, model, delay + own, status, details | {"raw_delay": raw})
+        T, L = _evaluate(constants, early, late)
+        return reading.conclude(EqualLag(T=T, n=n), own=own_delay(L, late))
 
     if order is not None:
         if isinstance(order, bool) or not isinstance(order, int | np.integer) or order < 1:

@@ -1,0 +1,95 @@
+"""What there is to know about a method beside its function, and how it is called."""
+
+import functools
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, get_args
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from .._result import Identification
+from ..models._abstract import AbstractPlant
+from ..records._record import StepRecord
+from ._reading import time_name
+
+
+class Method(NamedTuple):
+    """What a method gives, and which of its details a plot can mark, with its default options.
+
+    - `gives`: class of its models. `group`: "first" (first order plus dead time), "second" (two
+        poles) or "nth" (any number of lags).
+    - `order_found`: whether the order came from the record; it then counts as a parameter.
+    - `levels`: shares of the change whose times are in the details; `points`: names of the details
+        with the time and the height of a point; `has_tangent`: whether `Tu` and `Tg` are there.
+    """
+
+    gives: type[AbstractPlant]
+    group: str
+    order_found: bool = False
+    levels: tuple[float, ...] = ()
+    points: tuple[tuple[str, str], ...] = ()
+    has_tangent: bool = False
+
+    def marks(self, details: Mapping[str, Any]) -> list[tuple[float, float]]:
+        """Points of the response that the method read: time from the step, share of the change."""
+        marks = [(details[time_name(level)], level) for level in self.levels]
+        marks += [(details[time], details[height]) for time, height in self.points]
+        return [(float(time), float(height)) for time, height in marks]
+
+    def tangent(self, details: Mapping[str, Any]) -> list[tuple[float, float]]:
+        """Where its tangent meets both levels, as in `marks`; empty if it draws none."""
+        if not self.has_tangent:
+            return []
+        Tu, Tg = float(details["Tu"]), float(details["Tg"])
+        return [(Tu, 0.0), (Tu + Tg, 1.0)]
+
+
+TRACED = ("delay", "weights")
+"""Options that may hold arrays: another value of them compiles nothing anew."""
+
+
+def compiled(method: Callable[..., Identification]) -> Callable[..., Identification]:
+    """`method`, compiled: `delay` is traced, in the record's dtype; other numbers are static.
+
+    An option that the method does not have is a `ValueError`.
+    """
+    call, known = eqx.filter_jit(method), option_names(method)
+
+    @functools.wraps(method)
+    def run(record: StepRecord, **options: Any) -> Identification:
+        for name in options:
+            if name not in known:
+                raise ValueError(
+                    f"Method {method.__name__!r} has no option {name!r}; it has {', '.join(known)}."
+                )
+        options = {k: x if k in TRACED else _static(x) for k, x in options.items()}
+        if isinstance(options.get("delay"), int | float | np.generic | np.ndarray | jax.Array):
+            options["delay"] = jnp.asarray(options["delay"], record.t.dtype)
+        return call(record, **options)
+
+    return run
+
+
+def option_names(method: Callable[..., Any]) -> tuple[str, ...]:
+    """Options of a method, by its signature; those of `**options: Unpack[...]` one by one."""
+    names: list[str] = []
+    for parameter in inspect.signature(method).parameters.values():
+        if parameter.kind is parameter.KEYWORD_ONLY:
+            names.append(parameter.name)
+        elif parameter.kind is parameter.VAR_KEYWORD:
+            (options,) = get_args(parameter.annotation)
+            names += options.__annotations__
+    return tuple(names)
+
+
+def _static(value: Any) -> Any:
+    """An option in plain Python, which can be hashed: arrays, ranges and sets as tuples."""
+    if isinstance(value, range | set | frozenset):
+        value = tuple(value)
+    elif isinstance(value, np.ndarray | jax.Array) and not isinstance(value, Tracer):
+        value = tuple(value.tolist()) if value.ndim else value.item()
+    return jax.tree.map(lambda x: x.item() if isinstance(x, np.generic) else x, value)
