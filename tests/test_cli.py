@@ -25,7 +25,6 @@ from stepax.methods import METHODS
 def own_cache(monkeypatch, tmp_path_factory):
     """Compiled code of tests goes to a folder of its own."""
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
-    monkeypatch.setattr("stepax._contour._looped", False)  # set by the command line
 
 
 @pytest.fixture
@@ -194,7 +193,7 @@ def test_lookup(capsys, monkeypatch):
         status = Status.where(short, Status.at_equal_lags, Status.beyond_last_order)
         return Lookup(family(T=times["t50"], r=0.0, n=jnp.asarray(3)), status)
 
-    monkeypatch.setattr("stepax._curves.lookup", look_up)
+    monkeypatch.setattr("stepax.curves._lookup.lookup", look_up)
     out = success(capsys, "lookup", "--t10", "1", "--t50", "2", "--t90", "4")
     rows = [line.split()[:5] for line in out.splitlines()[3:6]]
     assert rows[0] == ["exact", "Hudzovic", "3", "0", "2"]

@@ -1,7 +1,6 @@
 """Lookup curves against high precision, and their inverses against the curves."""
 
 import functools
-import os
 
 import jax
 import jax.numpy as jnp
@@ -13,8 +12,9 @@ from mpmath import mpf
 from scipy import optimize, special
 
 from stepax import Hudzovic, PTn, Sani, Status, lookup, lookup_curves
-from stepax.models import _contour
 
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 ORDERS = np.arange(2, 9)
 FAMILIES = [Hudzovic, Sani]
@@ -39,15 +39,6 @@ EQUAL_LAGS = np.array(
         (0.641733, 0.149003, 0.927704, 0.130391),
     ]
 )
-
-
-@pytest.fixture(scope="module", autouse=True)
-def quick_compilation():
-    """The poles in a loop, as on the command line: compiling is most of the time of these tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        if not os.environ.get("STEPAX_TEST_OPTIMISED"):
-            patch.setattr(_contour, "_looped", True)
-        yield
 
 
 def batched(function, *columns):

@@ -13,7 +13,6 @@ from points import (
     lags_of,
     oscillation,
     parameters,
-    quick_compilation,  # noqa: F401
     row,
     run,
     squared_error,
@@ -25,6 +24,8 @@ from scipy import special
 from stepax import METHODS, Status, StepRecord
 from stepax.methods import MODELS
 
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 # For each system: the lags (T, n times, or T1 and T2; zeta and 1/omega_n of an oscillation), the
 # dead time, J. Computed from exact times and integrals.

@@ -15,7 +15,6 @@ from points import (
     lags_of,
     oscillation,
     parameters,
-    quick_compilation,  # noqa: F401
     row,
     run,
     squared_error,
@@ -33,6 +32,8 @@ from stepax.methods._tables import latzel_table, strejc_table
 from stepax.methods._two_points import TWO_POINTS, exact_constants
 from stepax.records._characterise import value_at
 
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 SEVEN = [
     "viteckova_1",

@@ -88,13 +88,15 @@ def _sentence(error: Exception) -> str:
 
 def _command(function: Callable) -> Callable:
     """A command: JAX set up, and what goes wrong in one paragraph, with exit code 2."""
+    from .models._contour import quick_compilation
 
     @app.command()
     @functools.wraps(function)
     def command(*args, **kwargs):
         try:
             set_up_jax()
-            function(*args, **kwargs)
+            with quick_compilation():
+                function(*args, **kwargs)
             sys.stdout.flush()
         except BrokenPipeError:  # the reader has seen enough, as in `stepax methods | head`
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -106,15 +108,12 @@ def _command(function: Callable) -> Callable:
 
 
 def set_up_jax() -> None:
-    """Double precision, quick compilation, and compiled code kept between runs.
+    """Double precision, few optimisations, and compiled code kept between runs.
 
     A command works on one record: compiling takes seconds, running milliseconds.
     """
     import jax
 
-    from .models._contour import compile_quickly
-
-    compile_quickly()
     jax.config.update("jax_enable_x64", True)
     jax.config.update("jax_disable_most_optimizations", True)
     if jax.__version_info__[:2] == (0, 10):  # an XLA that does not know a flag ends the process
@@ -202,9 +201,14 @@ def _compile_side_by_side(record: "StepRecord", names: Iterable[str], **options:
     from concurrent.futures import ThreadPoolExecutor
 
     from ._identify import identify
+    from .models._contour import quick_compilation
+
+    def run_once(name: str) -> None:
+        with quick_compilation():  # a thread does not inherit it
+            identify(record, name, **options)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(lambda name: identify(record, name, **options), names))
+        list(pool.map(run_once, names))
 
 
 # Commands
