@@ -7,19 +7,22 @@ the input, and the rows that belong to it are the record. What is wrong is said 
 import operator
 from os import PathLike
 from pathlib import Path
-from typing import Any, SupportsIndex
+from typing import TYPE_CHECKING, Any, SupportsIndex
 
 import jax.numpy as jnp
 import numpy as np
-import pandas as pd
 
 from ._labels import Labels
 from ._record import MIN_SAMPLES, StepRecord
 from ._table import TIME_NAME, Table, file_table, finite_numbers, frame_table, increasing_times
 
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+
 def read_record(
-    path: str | PathLike | pd.DataFrame,
+    path: "str | PathLike | pd.DataFrame",
     time: str | SupportsIndex | None = None,
     output: str | SupportsIndex | None = None,
     input: str | SupportsIndex | None = None,
@@ -44,6 +47,8 @@ def read_record(
 
     **Raises:** `OSError`, `KeyError`, `TypeError`, `ValueError` or `ImportError`, in one sentence.
     """
+    import pandas as pd
+
     table = frame_table(path) if isinstance(path, pd.DataFrame) else file_table(Path(path))
     i_time, i_output, i_input = roles = _roles(table, time, output, input)
     used = [i for i in roles if i is not None]
