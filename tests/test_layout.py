@@ -35,7 +35,7 @@ def test_the_class_of_a_plant_is_asked_for_in_its_family_alone():
 
 @pytest.mark.parametrize("also", ["", "._cli"])
 def test_the_import_leaves_out_what_few_need(also):
-    """Files, pictures and reports load their packages themselves; the command has typer and rich."""
+    """Files and pictures load their packages themselves; the command alone has typer and rich."""
     heavy = {"pandas", "scipy.io", "scipy.stats", "scipy.signal", "scipy.optimize", "openpyxl"}
     heavy |= {"matplotlib"} if also else {"matplotlib", "rich", "typer"}
     code = f"import sys, stepax{also}; print(*sys.modules)"

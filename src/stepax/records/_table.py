@@ -1,7 +1,7 @@
 """Tables of named columns, from a text table, a MAT file or a DataFrame, and their values.
 
 Host code. What is wrong with a file or a cell is said in one sentence. pandas and scipy.io are
-imported where a file is read: they would take half as long again as all of `import stepax`.
+imported where a file is read: they would make `import stepax` a quarter slower.
 """
 
 import csv
