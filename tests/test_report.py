@@ -11,10 +11,11 @@ import pytest
 from rich.console import Console
 
 from stepax import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani, Status, StepRecord
+from stepax._compare import Comparison, Row
 from stepax._result import conclude
 from stepax.models._notation import number, transfer_function_text
 from stepax.records._labels import Labels, Units, unit_of
-from stepax.report._content import to_json, warning_sentences
+from stepax.report._content import comparison_content, content, to_json, warning_sentences
 from stepax.report._terminal import report
 
 
@@ -189,3 +190,55 @@ def test_what_is_uncertain_is_named():
     assert "The fit is only" in text and "No input column" in text
     assert result.show_model() == "5 / (1 + 300 s)"
     assert "No input column" not in " ".join(warning_sentences(identification(FOPDT(T=10.0))))
+
+
+def is_text(tree):
+    if isinstance(tree, list | tuple):
+        return all(map(is_text, tree))
+    return isinstance(tree, str | int)  # numbers of columns
+
+
+def test_content_is_plain_text():
+    std = {"T": 0.123, "gain": 0.01, "offset": 0.0, "delay": math.nan}
+    result = identification(
+        FOPDT(T=10.0, gain=5.0, offset=20.0),
+        free=("T", "gain", "delay"),
+    )
+    aicc = {"aicc_sani_fit": jnp.asarray(-3.0), "aicc_fopdt_fit": jnp.asarray(-8.25)}
+    std = {name: jnp.asarray(value) for name, value in std.items()}
+    said = content(replace(result, std=std, details=aicc), "fopdt_fit")
+    assert is_text(said)
+    assert said.heading == ["Model FOPDT by fopdt_fit", "G(s) = 5 / (1 + 10 s)"]
+    assert said.ranking == [("fopdt_fit", "-8.25"), ("sani_fit", "-3")]
+    assert said.parameters.rows == [
+        ("T", "10", "0.12", "9.76 to 10.24", "s"),
+        ("gain", "5", "0.010", "4.980 to 5.020", "degC/%"),
+        ("offset", "20", "fixed", "", "degC"),
+        ("delay", "0", "", "", "s"),
+    ]
+    assert [name for name, _ in said.quality] == ["fit", "RMSE", "J"]
+    assert said.verdict == Status[Status.successful] and said.notes == []
+
+
+def test_lags_have_one_name_in_table_and_notes():
+    free = ("lags[0]", "lags[1]", "gain")
+    details = {"at_bound": jnp.array([False, True, False])}
+    model = PTn(lags=[10.0, 2.0], gain=5.0, offset=20.0)
+    said = content(identification(model, Status.at_bound, free=free, details=details), "ptn_fit")
+    assert [row[0] for row in said.parameters.rows[:3]] == ["lag 1", "lag 2", "gain"]
+    assert "At the end of its range: lag 2." in said.notes and said.verdict == ""
+
+
+def test_content_of_a_comparison():
+    good = identification(FOPDT(T=10.0, gain=5.0, offset=20.0))
+    lost = identification(PTn(lags=[1.0]), Status.no_inflection)
+    figures = (0.02, 0.01, 99.0, 4, -3.5)
+    rows = (
+        Row("viteckova_1", good, "FOPDT", *figures, "successful", "Fine."),
+        Row("smith", lost, "PTn", *figures, "no_inflection", "None."),
+    )
+    said = comparison_content(Comparison(good.record, rows))
+    assert is_text(said) and "J, degC^2 s" in said.ranking.columns
+    texts = ("0.02", "0.01", "99", "4", "-3.5", "5 / (1 + 10 s)")
+    assert said.ranking.rows == [("1", "viteckova_1", "FOPDT", *texts)]
+    assert said.notes == ["smith: None."]

@@ -186,14 +186,9 @@ def _show(*parts: Any, written: list[Path] = []) -> None:  # noqa: B006 (not cha
 
 def _heading(record: "StepRecord", example: str | None) -> str:
     """What was read, in a line or two."""
-    from .models._notation import number
-    from .records._labels import Units
+    from .report._content import record_line
 
-    units = Units.of(record.labels)
-    size, time = f"{number(record.step_size)} {units.input}", f"{number(record.step_time)} "
-    line = f"{record.labels.source}: {record.t.size} rows, step of {size.rstrip()}"
-    line += f" at t = {time + units.time}".rstrip()
-    return f"{line}\n{SIMULATED}" if example else line
+    return f"{record_line(record)}\n{SIMULATED}" if example else record_line(record)
 
 
 def _compile_side_by_side(record: "StepRecord", names: Iterable[str], **options: Any) -> None:
@@ -293,13 +288,14 @@ def compare(
 def methods() -> None:
     """List the methods."""
     from .methods import METHODS, MODELS
-    from .report._terminal import method_table
+    from .report._content import Table
+    from .report._terminal import table
 
     rows = [("auto", "several", "Least-squares fits of several families; the best by AICc.")]
     for name, function in METHODS.items():
         text = (function.__doc__ or "").strip().split("\n")[0]
         rows.append((name, MODELS[name].__name__, text))
-    _show(method_table(rows))
+    _show(table(Table(("method", "model", "what it does"), rows)))
 
 
 @_command
@@ -316,7 +312,8 @@ def lookup(
     from ._status import Status, refused
     from .curves._lookup import lookup as look_up
     from .models._plants import Hudzovic, Sani
-    from .report._terminal import lookup_table
+    from .report._content import lookup_content
+    from .report._terminal import table
 
     times = {"Tu": tu, "Tg": tg, "t10": t10, "t50": t50, "t90": t90}
     times = {name: time for name, time in times.items() if time is not None}
@@ -334,4 +331,4 @@ def lookup(
         reasons = dict.fromkeys(Status[found.status] for _, found in rows)
         given = ", ".join(f"{name} = {time:g}" for name, time in times.items())
         raise ValueError(f"No model has {given}. {' '.join(reasons)}")
-    _show(lookup_table(rows))
+    _show(table(lookup_content(rows)))
