@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import stepax
 from stepax import FOPDT, PTn, Status
 from stepax._cli import EXAMPLES, run, set_up_jax
 from stepax._compare import Comparison, Row
@@ -201,6 +202,10 @@ def test_lookup(capsys, monkeypatch):
     assert Status[Status.at_equal_lags] in out
     message = failure(capsys, "lookup", "--t10", "1", "--t50", "5", "--t90", "6")
     assert "t50 = 5" in message and Status[Status.beyond_last_order] in message
+
+
+def test_version(capsys):
+    assert success(capsys, "--version") == f"{stepax.__version__}\n"
 
 
 @pytest.mark.long

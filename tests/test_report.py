@@ -85,6 +85,8 @@ def test_transfer_function(model, text):
         ("Velocidad (rad/s)", "rad/s"),
         ("T1 [°C]", "°C"),
         ("T (box) [K]", "K"),
+        ("[K]", ""),
+        ("T [1]", ""),
         ("time_s", "s"),
         ("Temp, degC", "degC"),
         ("T_1", ""),
@@ -105,6 +107,30 @@ def test_units_of_parameters():
     assert units.integral == "degC^2 s"
     assert Units.of(Labels()).parameter("gain") == ""
     assert Units("s", "rad/s", "V").parameter("gain") == "(rad/s)/V"
+
+
+@pytest.mark.parametrize(
+    ("units", "expected"),
+    [
+        (Units("s", "degC", "%"), ["s", "rad/s", "", "degC/%", "degC", "degC/(% s)"]),
+        (
+            Units("min", "rad/s", "l/min"),
+            ["min", "rad/min", "", "(rad/s)/(l/min)", "rad/s", "(rad/s)/((l/min) min)"],
+        ),
+        (
+            Units("s", "degC", ""),
+            ["s", "rad/s", "", "degC per unit of input", "degC", "degC/s per unit of input"],
+        ),
+        (Units("", "degC", "%"), ["", "", "", "degC/%", "degC", ""]),
+        (Units("s", "", "%"), ["s", "rad/s", "", "", "", ""]),
+        (Units("", "", ""), [""] * 6),
+    ],
+)
+def test_units_of_dimensions(units, expected):
+    dimensions = ["time", "per time", "1", "output/input", "output", "output/(input time)"]
+    assert [units.unit(dimension) for dimension in dimensions] == expected
+    with pytest.raises(KeyError):
+        units.unit("length")
 
 
 def test_report():
@@ -212,7 +238,7 @@ def test_content_is_plain_text():
     assert said.ranking == [("fopdt_fit", "-8.25"), ("sani_fit", "-3")]
     assert said.parameters.rows == [
         ("T", "10", "0.12", "9.76 to 10.24", "s"),
-        ("gain", "5", "0.010", "4.980 to 5.020", "degC/%"),
+        ("gain", "5", "0.01", "4.98 to 5.02", "degC/%"),
         ("offset", "20", "fixed", "", "degC"),
         ("delay", "0", "", "", "s"),
     ]

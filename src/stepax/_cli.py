@@ -28,8 +28,27 @@ app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    help="Transfer functions from recorded step responses.",
 )
+
+
+def _show_version(wanted: bool) -> bool:
+    """Print the version and end."""
+    if wanted:
+        from importlib.metadata import version
+
+        print(version("stepax"))
+        raise typer.Exit
+    return wanted
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Version.")
+    ] = False,
+) -> None:
+    """Transfer functions from recorded step responses."""
+
 
 ClickException: type[Exception] = typer.BadParameter.__mro__[2]
 """Wrong usage; newer versions of typer bring their own click, older ones import it."""
@@ -115,6 +134,8 @@ def set_up_jax() -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
+    # Only the time of a cold start depends on these, so no test would notice: optimising costs
+    # more than it saves on one record.
     jax.config.update("jax_disable_most_optimizations", True)
     if jax.__version_info__[:2] == (0, 10):  # an XLA that does not know a flag ends the process
         flags = os.environ.get("XLA_FLAGS", "")
@@ -126,6 +147,7 @@ def set_up_jax() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         if os.access(folder, os.W_OK):
             jax.config.update("jax_compilation_cache_dir", str(folder))
+            # JAX keeps only what took a second or more; here hundreds of small functions add up.
             jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 
 
