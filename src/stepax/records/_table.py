@@ -20,12 +20,16 @@ import numpy as np
 if TYPE_CHECKING:
     import pandas as pd
 
+# What cells and headers look like. `test_text_formats` has a file for each branch here and below.
 _BLANKS = r"\s+"
+# One word, or a name with a unit in brackets: "T (deg C)" is one column of a table set with blanks.
 _WORD = re.compile(r'"[^"]*"|[^\s(\[]\S*(?:\s*[(\[][^)\]]*[)\]])?|\S+')
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+|\d*,\d+)([eE][-+]?\d+)?")
+# Of cells that are no number (12.5 fits, too); "3 days " is how pandas writes a duration.
 _DATE = re.compile(r"\d{1,4}[-./:]\d|\d+ days? ")
 _DURATION = re.compile(r"(\d+ days? )?\d+:\d\d:\d\d(\.\d*)?")
 TIME_NAME = re.compile(r"^t(?![A-Za-z0-9])|(?i:(?<![a-z])(time|zeit|tiempo|tempo|čas|date|datum))")
+# Bytes that no text has; 1A ended text files once, 1B begins colours of a terminal.
 _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19\x7f]")
 
 
@@ -113,7 +117,7 @@ def _text_table(source: str, content: bytes) -> Table:
     """Columns of a text table; blank lines and those that begin with # or % are left out."""
     lines = _decoded(source, content).split("\n")
     kept = [i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] not in "#%"]
-    sample = [lines[i] for i in kept[1:100] or kept]
+    sample = [lines[i] for i in kept[1:100] or kept]  # without what may be a header
     if not sample:
         raise ValueError(f"{source} has no rows of data.")
     separator, decimal = _dialect(sample)
