@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
-from points import (
+from scipy import interpolate, optimize, special
+from tests.points import (
     SYSTEMS,
     chain,
     check_invariance,
@@ -21,7 +22,6 @@ from points import (
     system_row,
     transformed,
 )
-from scipy import interpolate, optimize, special
 
 from stepax import METHODS, Status, StepRecord, smooth
 from stepax.curves._roots import clamped_root

@@ -14,7 +14,7 @@ import scipy.io
 from stepax.records._read import find_steps, read_record
 
 
-DATA = Path(__file__).parents[2] / "shared/data"
+DATA = Path(__file__).parents[3] / "shared/data"
 real = pytest.mark.skipif(not DATA.is_dir(), reason="the real records are not here")
 
 ROWS = 40

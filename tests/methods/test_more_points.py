@@ -5,7 +5,8 @@ import functools
 import jax
 import numpy as np
 import pytest
-from points import (
+from scipy import special
+from tests.points import (
     SYSTEMS,
     chain,
     check_invariance,
@@ -19,7 +20,6 @@ from points import (
     system_row,
     transformed,
 )
-from scipy import special
 
 from stepax import METHODS, Status, StepRecord
 from stepax.methods import MODELS

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from stepax import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani, Status, StepRecord
+from stepax import FOPDT, SOPDT, EqualLag, PTn, Sani, Status, StepRecord
 from stepax._compare import Comparison, Row
 from stepax._result import conclude
-from stepax.models._notation import number, transfer_function_text
-from stepax.records._labels import Labels, Units, unit_of
+from stepax.records._labels import Labels
 from stepax.report._content import comparison_content, content, to_json, warning_sentences
 from stepax.report._terminal import report
 
@@ -33,104 +32,6 @@ def text_of(renderable):
     console = Console(width=200, no_color=True, record=True, file=StringIO())
     console.print(renderable)
     return console.export_text()
-
-
-@pytest.mark.parametrize(
-    ("x", "text"),
-    [
-        (0, "0"),
-        (12.3, "12.3"),
-        (0.64351, "0.6435"),
-        (152.13, "152.1"),
-        (123456.7, "123457"),
-        (9.99999, "10"),
-        (-2.5, "-2.5"),
-        (1.5e-7, "1.500e-07"),
-        (2.3e9, "2.300e+09"),
-        (math.nan, "-"),
-        (100, "100"),
-    ],
-)
-def test_number(x, text):
-    assert number(x) == text
-
-
-@pytest.mark.parametrize(
-    ("model", "text"),
-    [
-        (
-            PTn(lags=np.array([12.2, 0.0, 152.1]), gain=0.64351, delay=12.3),
-            "0.6435 exp(-12.3 s) / ((1 + 152.1 s)(1 + 12.2 s))",
-        ),
-        (PTn(lags=np.zeros(2), gain=-2.0), "-2"),
-        (FOPDT(T=3.0), "1 / (1 + 3 s)"),
-        (EqualLag(T=2.3, n=3), "1 / (1 + 2.3 s)^3"),
-        (EqualLag(T=2.3, n=2.5), "1 / (1 + 2.3 s)^2.5"),
-        (EqualLag(T=2.3, n=1), "1 / (1 + 2.3 s)"),
-        (Sani(T=4.0, r=1.0, n=2, gain=2.0), "2 / (1 + 4 s)^2"),
-        (Sani(T=4.0, r=0.5, n=jnp.asarray(3)), "1 / ((1 + 4 s)(1 + 2 s)(1 + 1 s))"),
-        (Hudzovic(T=1.0, r=0.5, n=2), "1 / ((1 + 2 s)(1 + 1 s))"),
-        (SOPDT(zeta=0.2, omega_n=0.5, delay=1.0), "1 exp(-1 s) / (1 + 0.8 s + 4 s^2)"),
-        (SOPDT(zeta=1.0, omega_n=0.5), "1 / (1 + 2 s)^2"),
-        (FOPDT(T=math.nan), "none"),
-    ],
-)
-def test_transfer_function(model, text):
-    assert transfer_function_text(model) == text
-
-
-@pytest.mark.parametrize(
-    ("label", "unit"),
-    [
-        ("Velocidad (rad/s)", "rad/s"),
-        ("T1 [°C]", "°C"),
-        ("T (box) [K]", "K"),
-        ("[K]", ""),
-        ("T [1]", ""),
-        ("time_s", "s"),
-        ("Temp, degC", "degC"),
-        ("T_1", ""),
-        ("y(t)", ""),
-        ("box temp", ""),
-        ("", ""),
-    ],
-)
-def test_unit(label, unit):
-    assert unit_of(label) == unit
-
-
-def test_units_of_parameters():
-    units = Units.of(LABELS)
-    names = ["T", "lags", "delay", "gain", "offset", "zeta", "omega_n", "n"]
-    expected = ["s", "s", "s", "degC/%", "degC", "", "rad/s", ""]
-    assert [units.parameter(name) for name in names] == expected
-    assert units.integral == "degC^2 s"
-    assert Units.of(Labels()).parameter("gain") == ""
-    assert Units("s", "rad/s", "V").parameter("gain") == "(rad/s)/V"
-
-
-@pytest.mark.parametrize(
-    ("units", "expected"),
-    [
-        (Units("s", "degC", "%"), ["s", "rad/s", "", "degC/%", "degC", "degC/(% s)"]),
-        (
-            Units("min", "rad/s", "l/min"),
-            ["min", "rad/min", "", "(rad/s)/(l/min)", "rad/s", "(rad/s)/((l/min) min)"],
-        ),
-        (
-            Units("s", "degC", ""),
-            ["s", "rad/s", "", "degC per unit of input", "degC", "degC/s per unit of input"],
-        ),
-        (Units("", "degC", "%"), ["", "", "", "degC/%", "degC", ""]),
-        (Units("s", "", "%"), ["s", "rad/s", "", "", "", ""]),
-        (Units("", "", ""), [""] * 6),
-    ],
-)
-def test_units_of_dimensions(units, expected):
-    dimensions = ["time", "per time", "1", "output/input", "output", "output/(input time)"]
-    assert [units.unit(dimension) for dimension in dimensions] == expected
-    with pytest.raises(KeyError):
-        units.unit("length")
 
 
 def test_report():

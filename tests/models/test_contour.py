@@ -2,15 +2,14 @@
 
 from concurrent.futures import ThreadPoolExecutor
 
-import caratheodory_fejer
 import jax
 import jax.numpy as jnp
 import mpmath
 import numpy as np
-import oracle
 import pytest
 from hypothesis import given, settings, strategies as st
 from mpmath import mp, mpf
+from tests import caratheodory_fejer, oracle
 
 import stepax
 from stepax.models._contour import (
