@@ -1,6 +1,7 @@
 import os
 
 import jax
+import pytest
 
 
 # float32 is tested beside it: the library follows the dtype of the data.
@@ -9,3 +10,15 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 if not os.environ.get("STEPAX_TEST_OPTIMISED"):
     # Compiling is most of the time of the tests; `.ci/run` runs the long ones fully optimised.
     jax.config.update("jax_disable_most_optimizations", True)
+
+
+@pytest.fixture(scope="module")
+def quick_compilation():
+    """The poles in a loop, as on the command line: compiling is most of the time of these tests."""
+    from stepax.models._contour import quick_compilation  # checked only if imported after pytest's
+
+    if os.environ.get("STEPAX_TEST_OPTIMISED"):
+        yield
+    else:
+        with quick_compilation():
+            yield

@@ -1,16 +1,13 @@
 """Records, batches and numbers that the tests of the point methods share."""
 
 import functools
-import os
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from scipy import special
 
 from stepax import METHODS, StepRecord
-from stepax.models import _contour
 
 
 SYSTEMS = {
@@ -159,12 +156,3 @@ def gradient(name, systems, length=10, size=1e-5, samples=300):
     ahead, behind = (np.asarray(both(y + s * size * wave, t)[0]) for s in (1, -1))
     kept = slice(len(systems))
     return np.sum(slope * wave, axis=1)[kept], ((ahead - behind) / (2 * size))[kept]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def quick_compilation():
-    """The poles in a loop, as on the command line: compiling is most of the time of these tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        if not os.environ.get("STEPAX_TEST_OPTIMISED"):
-            patch.setattr(_contour, "_looped", True)
-        yield

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import stepax
 from stepax import FOPDT, PTn, Status
 from stepax._cli import EXAMPLES, run, set_up_jax
 from stepax._compare import Comparison, Row
@@ -25,7 +26,6 @@ from stepax.methods import METHODS, ROWS
 def own_cache(monkeypatch, tmp_path_factory):
     """Compiled code of tests goes to a folder of its own."""
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
-    monkeypatch.setattr("stepax._contour._looped", False)  # set by the command line
 
 
 @pytest.fixture
@@ -194,7 +194,7 @@ def test_lookup(capsys, monkeypatch):
         status = Status.where(short, Status.at_equal_lags, Status.beyond_last_order)
         return Lookup(family(T=times["t50"], r=0.0, n=jnp.asarray(3)), status)
 
-    monkeypatch.setattr("stepax._curves.lookup", look_up)
+    monkeypatch.setattr("stepax.curves._lookup.lookup", look_up)
     out = success(capsys, "lookup", "--t10", "1", "--t50", "2", "--t90", "4")
     rows = [line.split()[:5] for line in out.splitlines()[3:6]]
     assert rows[0] == ["exact", "Hudzovic", "3", "0", "2"]
@@ -202,6 +202,10 @@ def test_lookup(capsys, monkeypatch):
     assert Status[Status.at_equal_lags] in out
     message = failure(capsys, "lookup", "--t10", "1", "--t50", "5", "--t90", "6")
     assert "t50 = 5" in message and Status[Status.beyond_last_order] in message
+
+
+def test_version(capsys):
+    assert success(capsys, "--version") == f"{stepax.__version__}\n"
 
 
 @pytest.mark.long

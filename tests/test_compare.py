@@ -1,16 +1,12 @@
 """Comparison of methods: ranking, the exact integral, transfer functions, pictures."""
 
-import itertools
 from io import BytesIO
 
-import jax
 import jax.numpy as jnp
-import mpmath
 import numpy as np
 import pytest
-from scipy import integrate
 
-from stepax import FOPDT, SOPDT, EqualLag, PTn, Sani, Status, StepRecord, compare
+from stepax import FOPDT, SOPDT, Sani, Status, StepRecord, compare
 from stepax._compare import Comparison, Row, level_marks, tangent_ends
 from stepax._identify import parameter_count
 from stepax._result import conclude
@@ -63,31 +59,6 @@ def test_a_known_plant(record):
     assert np.isinf(elsewhere.J) and "another level" in elsewhere.reason
 
 
-def test_one_lag_against_another_in_closed_form():
-    """(1/2)(T1 - T2)^2/(T1 + T2) for e^(-t/T1) - e^(-t/T2), times the gain and the step squared."""
-    exact = 0.5 * (3.0 - 0.01) ** 2 / (3.0 + 0.01) * 2.0**2 * 5.0**2
-    ours = squared_deviation(FOPDT(T=3.0, gain=2.0), FOPDT(T=0.01, gain=2.0), 5.0)
-    np.testing.assert_allclose(ours, exact, rtol=1e-10)
-
-
-def test_what_differs_before_the_dead_times_counts():
-    """0.1^2 for 5, then a lag of 1: 0.1^2/2."""
-    model = FOPDT(T=1.0, gain=1.9, offset=1.1, delay=5.0)
-    plant = FOPDT(T=1.0, gain=2.0, offset=1.0, delay=5.0)
-    np.testing.assert_allclose(squared_deviation(model, plant), 0.055, rtol=1e-9)
-
-
-def test_lags_far_apart_need_few_panels():
-    ours = squared_deviation(FOPDT(T=1e-8), FOPDT(T=1.0))
-    np.testing.assert_allclose(ours, 0.5 * (1 - 1e-8) ** 2 / (1 + 1e-8), rtol=1e-9)
-
-
-def test_levels_that_agree_in_float32_are_the_same():
-    model = FOPDT(T=np.float32(2.0), gain=np.float32(2.2), offset=np.float32(1.1))
-    plant = FOPDT(T=np.float32(1.0), gain=np.float32(2.2000003), offset=np.float32(1.1))
-    assert np.isfinite(squared_deviation(model, plant))
-
-
 def test_aicc_of_fits_and_others_counts_the_same_rows():
     t = np.linspace(-40.0, 40.0, 401)
     noise = 0.01 * np.random.default_rng(0).standard_normal(t.size)
@@ -126,72 +97,12 @@ def test_nothing_to_compare(record):
         compare(record, [])
 
 
-@pytest.mark.parametrize(
-    ("model", "plant"),
-    [
-        (EqualLag(T=0.7565, n=4, gain=2.0), PTn(lags=[0.2, 0.4, 0.6, 0.8, 1.0], gain=2.0)),
-        (FOPDT(T=1.3, delay=1.37), EqualLag(T=0.5, n=5)),
-        (SOPDT(zeta=0.02, omega_n=3.0, delay=0.5), FOPDT(T=2.0)),
-        (EqualLag(T=0.5, n=2.5), PTn(lags=[1e-6, 1.0])),
-    ],
-    ids=["chains", "dead time", "oscillation", "stiff"],
-)
-def test_the_integral_against_adaptive_quadrature(model, plant):
-    def square(t):
-        return float(jnp.squeeze(model.step_response(t) - plant.step_response(t))) ** 2
-
-    response = jax.jit(lambda t: (model.step_response(t) - plant.step_response(t)) ** 2)
-    edges = sorted({0.0, float(model.delay), 1e-5, *np.linspace(0.1, 40.0, 80)})
-    edges = [*edges, *np.linspace(41.0, 800.0, 760)]
-    oracle = sum(
-        integrate.fixed_quad(lambda t: np.asarray(response(t)), a, b, n=24)[0]
-        for a, b in itertools.pairwise(edges)
-    )
-    np.testing.assert_allclose(squared_deviation(model, plant), oracle, rtol=1e-7)
-    assert square(0.0) == 0
-
-
-def test_the_integral_of_table_8_of_jakoubek():
-    """Latzel's model with T = 0.7565, n = 4 for lags 0.2 to 1: J from residues at 30 digits."""
-    mpmath.mp.dps = 30
-    lags = [mpmath.mpf(k) / 5 for k in range(1, 6)]
-    T = mpmath.mpf("0.7565")
-
-    def deviation(t):
-        weights = [
-            lag**4 / mpmath.fprod(lag - other for other in lags if other != lag) for lag in lags
-        ]
-        plant = sum(w * mpmath.exp(-t / lag) for w, lag in zip(weights, lags, strict=True))
-        model = mpmath.exp(-t / T) * sum((t / T) ** k / mpmath.factorial(k) for k in range(4))
-        return 2 * (plant - model)
-
-    exact = mpmath.quad(lambda t: deviation(t) ** 2, [0, 1, 3, 6, 12, 60])
-    ours = squared_deviation(
-        EqualLag(T=0.7565, n=4, gain=2.0), PTn(lags=[0.2, 0.4, 0.6, 0.8, 1.0], gain=2.0)
-    )
-    np.testing.assert_allclose(ours, float(exact), rtol=1e-9)
-
-
 def test_transfer_functions_as_text_and_latex(comparison):
     text, latex = comparison.show_models(), comparison.show_models("latex")
     assert all(name in text and name in latex for name in NAMES)
     assert r"\frac{" in latex and "frac" not in text
     with pytest.raises(ValueError, match="latex"):
         comparison.show_models("html")
-
-
-@pytest.mark.parametrize(
-    ("model", "latex"),
-    [
-        (FOPDT(T=10.0, gain=2.0, delay=1.5), r"\frac{2\,e^{-1.5 s}}{(1 + 10 s)}"),
-        (EqualLag(T=1e-7, n=3), r"\frac{1}{(1 + 1.000 \times 10^{-7} s)^{3}}"),
-        (SOPDT(zeta=0.5, omega_n=2.0, gain=-1.0), r"\frac{-1}{(1 + 0.5 s + 0.25 s^{2})}"),
-    ],
-)
-def test_latex(model, latex):
-    from stepax.models._notation import transfer_function_latex
-
-    assert transfer_function_latex(model) == latex
 
 
 # Pictures

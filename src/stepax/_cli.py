@@ -28,8 +28,27 @@ app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    help="Transfer functions from recorded step responses.",
 )
+
+
+def _show_version(wanted: bool) -> bool:
+    """Print the version and end."""
+    if wanted:
+        from importlib.metadata import version
+
+        print(version("stepax"))
+        raise typer.Exit
+    return wanted
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Version.")
+    ] = False,
+) -> None:
+    """Transfer functions from recorded step responses."""
+
 
 ClickException: type[Exception] = typer.BadParameter.__mro__[2]
 """Wrong usage; newer versions of typer bring their own click, older ones import it."""
@@ -88,13 +107,15 @@ def _sentence(error: Exception) -> str:
 
 def _command(function: Callable) -> Callable:
     """A command: JAX set up, and what goes wrong in one paragraph, with exit code 2."""
+    from .models._contour import quick_compilation
 
     @app.command()
     @functools.wraps(function)
     def command(*args, **kwargs):
         try:
             set_up_jax()
-            function(*args, **kwargs)
+            with quick_compilation():
+                function(*args, **kwargs)
             sys.stdout.flush()
         except BrokenPipeError:  # the reader has seen enough, as in `stepax methods | head`
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -106,16 +127,15 @@ def _command(function: Callable) -> Callable:
 
 
 def set_up_jax() -> None:
-    """Double precision, quick compilation, and compiled code kept between runs.
+    """Double precision, few optimisations, and compiled code kept between runs.
 
     A command works on one record: compiling takes seconds, running milliseconds.
     """
     import jax
 
-    from .models._contour import compile_quickly
-
-    compile_quickly()
     jax.config.update("jax_enable_x64", True)
+    # Only the time of a cold start depends on these, so no test would notice: optimising costs
+    # more than it saves on one record.
     jax.config.update("jax_disable_most_optimizations", True)
     if jax.__version_info__[:2] == (0, 10):  # an XLA that does not know a flag ends the process
         flags = os.environ.get("XLA_FLAGS", "")
@@ -127,6 +147,7 @@ def set_up_jax() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         if os.access(folder, os.W_OK):
             jax.config.update("jax_compilation_cache_dir", str(folder))
+            # JAX keeps only what took a second or more; here hundreds of small functions add up.
             jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 
 
@@ -187,14 +208,9 @@ def _show(*parts: Any, written: list[Path] = []) -> None:  # noqa: B006 (not cha
 
 def _heading(record: "StepRecord", example: str | None) -> str:
     """What was read, in a line or two."""
-    from .models._notation import number
-    from .records._labels import Units
+    from .report._content import record_line
 
-    units = Units.of(record.labels)
-    size, time = f"{number(record.step_size)} {units.input}", f"{number(record.step_time)} "
-    line = f"{record.labels.source}: {record.t.size} rows, step of {size.rstrip()}"
-    line += f" at t = {time + units.time}".rstrip()
-    return f"{line}\n{SIMULATED}" if example else line
+    return f"{record_line(record)}\n{SIMULATED}" if example else record_line(record)
 
 
 def _compile_side_by_side(record: "StepRecord", names: Iterable[str], **options: Any) -> None:
@@ -202,9 +218,14 @@ def _compile_side_by_side(record: "StepRecord", names: Iterable[str], **options:
     from concurrent.futures import ThreadPoolExecutor
 
     from ._identify import identify
+    from .models._contour import quick_compilation
+
+    def run_once(name: str) -> None:
+        with quick_compilation():  # a thread does not inherit it
+            identify(record, name, **options)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(lambda name: identify(record, name, **options), names))
+        list(pool.map(run_once, names))
 
 
 # Commands
@@ -289,13 +310,14 @@ def compare(
 def methods() -> None:
     """List the methods."""
     from .methods import METHODS, MODELS
-    from .report._terminal import method_table
+    from .report._content import Table
+    from .report._terminal import table
 
     rows = [("auto", "several", "Least-squares fits of several families; the best by AICc.")]
     for name, function in METHODS.items():
         text = (function.__doc__ or "").strip().split("\n")[0]
         rows.append((name, MODELS[name].__name__, text))
-    _show(method_table(rows))
+    _show(table(Table(("method", "model", "what it does"), rows)))
 
 
 @_command
@@ -312,7 +334,8 @@ def lookup(
     from ._status import Status, refused
     from .curves._lookup import lookup as look_up
     from .models._plants import Hudzovic, Sani
-    from .report._terminal import lookup_table
+    from .report._content import lookup_content
+    from .report._terminal import table
 
     times = {"Tu": tu, "Tg": tg, "t10": t10, "t50": t50, "t90": t90}
     times = {name: time for name, time in times.items() if time is not None}
@@ -330,4 +353,4 @@ def lookup(
         reasons = dict.fromkeys(Status[found.status] for _, found in rows)
         given = ", ".join(f"{name} = {time:g}" for name, time in times.items())
         raise ValueError(f"No model has {given}. {' '.join(reasons)}")
-    _show(lookup_table(rows))
+    _show(table(lookup_content(rows)))

@@ -288,10 +288,10 @@ class SOPDT(AbstractPlant):
 class SOPDTZero(AbstractPlant):
     r"""Second order with one zero: $(1 + s\,\text{lead})$ times the transfer function of `SOPDT`.
 
-    Source: the "Z" of process models (L. Ljung, System Identification Toolbox).
-    `zeta` and `omega_n` as in `SOPDT`. `lead`, unit of time, of either sign: a negative one moves the output the wrong
-    way first (inverse response), one above the larger lag makes it overshoot without oscillation;
-    0 is `SOPDT`. The response has a corner where the dead time ends.
+    Source: the "Z" of process models (L. Ljung, System Identification Toolbox). `zeta` and
+    `omega_n` as in `SOPDT`. `lead`, unit of time, of either sign: a negative one moves the output
+    the wrong way first (inverse response), one above the larger lag makes it overshoot without
+    oscillation; 0 is `SOPDT`. The response has a corner where the dead time ends.
     """
 
     dimensions: ClassVar[dict[str, str]] = {"zeta": "1", "omega_n": "per time", "lead": "time"}

@@ -7,19 +7,22 @@ the input, and the rows that belong to it are the record. What is wrong is said 
 import operator
 from os import PathLike
 from pathlib import Path
-from typing import Any, SupportsIndex
+from typing import TYPE_CHECKING, Any, SupportsIndex
 
 import jax.numpy as jnp
 import numpy as np
-import pandas as pd
 
 from ._labels import Labels
 from ._record import MIN_SAMPLES, StepRecord
 from ._table import TIME_NAME, Table, file_table, finite_numbers, frame_table, increasing_times
 
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+
 def read_record(
-    path: str | PathLike | pd.DataFrame,
+    path: "str | PathLike | pd.DataFrame",
     time: str | SupportsIndex | None = None,
     output: str | SupportsIndex | None = None,
     input: str | SupportsIndex | None = None,
@@ -44,6 +47,8 @@ def read_record(
 
     **Raises:** `OSError`, `KeyError`, `TypeError`, `ValueError` or `ImportError`, in one sentence.
     """
+    import pandas as pd
+
     table = frame_table(path) if isinstance(path, pd.DataFrame) else file_table(Path(path))
     i_time, i_output, i_input = roles = _roles(table, time, output, input)
     used = [i for i in roles if i is not None]
@@ -96,14 +101,20 @@ def find_steps(u: np.ndarray) -> list[tuple[int, float]]:
     """
     change = np.diff(u)
     noise = _noise(u)
+    # A difference of two rows has sqrt(2) of the noise: a row in 200 passes 4 times by chance, and
+    # the means below drop it. Higher, and ramps fall apart; lower, and noise is taken for the end
+    # of a ramp. The share keeps the ripple of a clean input out, yet a ramp with a slow end whole.
     limit = max(4 * noise, 0.02 * np.max(np.abs(change)))
     ramps: list[tuple[int, int]] = []
     for row in np.flatnonzero(np.abs(change) > limit).tolist():
         first, last = ramps[-1] if ramps else (row, row)
+        # Actuators and anti-aliasing filters take a few rows; `test_ramp_is_one_step`.
         if ramps and row - last <= 3 and (change[row] > 0) == (change[last] > 0):
             ramps[-1] = first, row
         else:
             ramps.append((row, row))
+    # Means hold many rows, so 6 times is far from chance, and 10 times still passes with the error
+    # of short pieces: `test_steps_in_noise`, `test_small_changes_beside_a_large_step`.
     sizes = np.abs(np.diff(_levels(u, ramps)))
     enough = sizes >= max(6 * noise, 0.05 * np.max(sizes, initial=0.0))
     ramps = [ramp for ramp, holds in zip(ramps, enough, strict=True) if holds]
@@ -118,7 +129,7 @@ def _levels(u: np.ndarray, ramps: list[tuple[int, int]]) -> list[float]:
 
 
 def _noise(u: np.ndarray) -> float:
-    """Noise of an input, at least 1e-10 of its largest value.
+    """Noise of an input, at least 1e-10 of its largest value (rounding is no step).
 
     From the upper quartile of the second differences: 1.15 sqrt(6) sigma for Gaussian noise, and
     0 for a clean input whose steps are at least 8 rows apart.
@@ -129,6 +140,7 @@ def _noise(u: np.ndarray) -> float:
 
 def _constant_level(u: np.ndarray, where: str) -> float:
     """Level of an input without steps: that of a step from 0 at the first row."""
+    # 12 times: the range of 10^6 rows of Gaussian noise is 10 times; `test_constant_input_...`.
     level, spread = float(np.mean(u)), float(np.ptp(u))
     if level == 0 or spread > min(abs(level), 12 * _noise(u)):
         raise ValueError(f"{where} has no step: it lies from {u.min():g} to {u.max():g}.")
@@ -151,6 +163,7 @@ def _choice(step: Any, steps: list[tuple[float, float]], where: str) -> int:
 
 def _rows_of(chosen: int, starts: list[int], count: int) -> slice:
     """Rows of a step, with all before the first step, or the last 5 % since the step before."""
+    # Of the last response only an end that has settled: `test_one_of_several_steps`.
     row, stop = starts[chosen], [*starts, count][chosen + 1]
     before = row if chosen == 0 else max(1, (row - starts[chosen - 1]) // 20)
     return slice(row - before, stop)

@@ -1,6 +1,7 @@
 """Tables of named columns, from a text table, a MAT file or a DataFrame, and their values.
 
-Host code. What is wrong with a file or a cell is said in one sentence.
+Host code. What is wrong with a file or a cell is said in one sentence. pandas and scipy.io are
+imported where a file is read: they would make `import stepax` a quarter slower.
 """
 
 import csv
@@ -11,20 +12,24 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import mode
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import pandas as pd
-import scipy.io
-from pandas.api.types import is_datetime64_any_dtype, is_numeric_dtype, is_timedelta64_dtype
 
 
+if TYPE_CHECKING:
+    import pandas as pd
+
+# What cells and headers look like. `test_text_formats` has a file for each branch here and below.
 _BLANKS = r"\s+"
+# One word, or a name with a unit in brackets: "T (deg C)" is one column of a table set with blanks.
 _WORD = re.compile(r'"[^"]*"|[^\s(\[]\S*(?:\s*[(\[][^)\]]*[)\]])?|\S+')
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+|\d*,\d+)([eE][-+]?\d+)?")
+# Of cells that are no number (12.5 fits, too); "3 days " is how pandas writes a duration.
 _DATE = re.compile(r"\d{1,4}[-./:]\d|\d+ days? ")
 _DURATION = re.compile(r"(\d+ days? )?\d+:\d\d:\d\d(\.\d*)?")
 TIME_NAME = re.compile(r"^t(?![A-Za-z0-9])|(?i:(?<![a-z])(time|zeit|tiempo|tempo|čas|date|datum))")
+# Bytes that no text has; 1A ended text files once, 1B begins colours of a terminal.
 _CONTROL = re.compile(rb"[\x00-\x08\x0e-\x19\x7f]")
 
 
@@ -33,7 +38,7 @@ class Table(NamedTuple):
 
     file: str
     names: list[str]
-    columns: list[pd.Series]
+    columns: "list[pd.Series]"
     word: str
     numbers: Sequence[int]
 
@@ -50,7 +55,7 @@ class Table(NamedTuple):
 # Sources
 
 
-def frame_table(frame: pd.DataFrame) -> Table:
+def frame_table(frame: "pd.DataFrame") -> Table:
     """Columns of a DataFrame, its index among them if it is named time or is no plain number."""
     index = frame.index
     if index.dtype.kind not in "iuO" or TIME_NAME.search(str(index.name)):
@@ -77,6 +82,8 @@ def file_table(path: Path) -> Table:
 
 def _mat_table(path: Path) -> Table:
     """Vectors of a MAT file."""
+    import pandas as pd
+
     try:
         variables = _mat_variables(path)
     except ImportError:
@@ -97,8 +104,10 @@ def _mat_table(path: Path) -> Table:
 
 def _mat_variables(path: Path) -> dict[str, Any]:
     """Variables of a MAT file of any version."""
+    from scipy.io import loadmat
+
     try:
-        return scipy.io.loadmat(path)
+        return loadmat(path)
     except NotImplementedError:  # version 7.3 is HDF5
         with importlib.import_module("h5py").File(path) as file:
             return {name: np.asarray(v) for name, v in file.items() if hasattr(v, "shape")}
@@ -108,7 +117,7 @@ def _text_table(source: str, content: bytes) -> Table:
     """Columns of a text table; blank lines and those that begin with # or % are left out."""
     lines = _decoded(source, content).split("\n")
     kept = [i for i, line in enumerate(lines) if line.strip() and line.lstrip()[0] not in "#%"]
-    sample = [lines[i] for i in kept[1:100] or kept]
+    sample = [lines[i] for i in kept[1:100] or kept]  # without what may be a header
     if not sample:
         raise ValueError(f"{source} has no rows of data.")
     separator, decimal = _dialect(sample)
@@ -177,14 +186,16 @@ def _is_value(cell: str) -> bool:
     return known or bool(_NUMBER.fullmatch(cell) or _DATE.match(cell))
 
 
-def _is_filler(header: list[str], i: int, cells: pd.Series) -> bool:
+def _is_filler(header: list[str], i: int, cells: "pd.Series") -> bool:
     """Whether a column is empty, or numbers the rows under no name (as pandas writes its index)."""
-    counted = i == 0 and not header[0] and any(header) and is_numeric_dtype(cells)
+    counted = i == 0 and not header[0] and any(header) and _is_numeric(cells)
     return bool(cells.isna().all() or (counted and (cells.diff().iloc[1:] == 1).all()))
 
 
-def _parsed(source: str, lines: list[str], kept: list[int], **dialect) -> pd.DataFrame:
+def _parsed(source: str, lines: list[str], kept: list[int], **dialect) -> "pd.DataFrame":
     """The kept lines, as numbers where a column has nothing else, else as text."""
+    import pandas as pd
+
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # the first line is too long
@@ -220,9 +231,9 @@ def increasing_times(table: Table, column: int) -> np.ndarray:
     """Increasing times, as numbers, or in seconds since the first row from dates or clock times."""
     cells = table.columns[column]
     first = str(cells.iloc[0]).strip()
-    if is_datetime64_any_dtype(cells) or is_timedelta64_dtype(cells):
+    if cells.dtype.kind in "mM":  # times of day, dates
         times = _seconds(cells)
-    elif is_numeric_dtype(cells) or not _DATE.match(first) or _NUMBER.fullmatch(first):
+    elif _is_numeric(cells) or not _DATE.match(first) or _NUMBER.fullmatch(first):
         times = _as_floats(cells)
     else:
         times = _clock_seconds(_as_text(cells))
@@ -237,8 +248,10 @@ def increasing_times(table: Table, column: int) -> np.ndarray:
     return times
 
 
-def _clock_seconds(text: pd.Series) -> np.ndarray:
+def _clock_seconds(text: "pd.Series") -> np.ndarray:
     """Seconds since the first row; day before month if only that gives increasing dates."""
+    import pandas as pd
+
     if _DURATION.fullmatch(text.iloc[0]):
         return _seconds(pd.to_timedelta(text, errors="coerce"))
     best = np.full(text.size, np.nan)
@@ -253,19 +266,26 @@ def _clock_seconds(text: pd.Series) -> np.ndarray:
     return best
 
 
-def _seconds(times: pd.Series) -> np.ndarray:
+def _seconds(times: "pd.Series") -> np.ndarray:
     """Seconds since the first row."""
     return (times - times.iloc[0]).dt.total_seconds().to_numpy(dtype=float)
 
 
-def _as_floats(cells: pd.Series) -> np.ndarray:
+def _is_numeric(cells: "pd.Series") -> bool:
+    """Whether a column holds numbers or truth values, also those of pandas' own types."""
+    return cells.dtype.kind in "biufc"
+
+
+def _as_floats(cells: "pd.Series") -> np.ndarray:
     """Numbers of a column, NaN where a cell is none."""
-    if is_numeric_dtype(cells) and not np.iscomplexobj(cells):
+    import pandas as pd
+
+    if _is_numeric(cells) and not np.iscomplexobj(cells):
         return cells.to_numpy(dtype=float, na_value=np.nan)
     return np.asarray(pd.to_numeric(_as_text(cells), errors="coerce"), dtype=float)
 
 
-def _as_text(cells: pd.Series) -> pd.Series:
+def _as_text(cells: "pd.Series") -> "pd.Series":
     """Cells as text, a decimal comma as a point."""
     return cells.astype(str).str.strip().str.replace(",", ".")
 
@@ -274,8 +294,9 @@ def _finite(table: Table, column: int, values: np.ndarray) -> np.ndarray:
     """The values if all are finite; else a sentence about the first cell that is not."""
     wrong = np.flatnonzero(~np.isfinite(values)).tolist()
     if wrong:
-        cell = table.columns[column].iloc[wrong[0]]
-        blank = pd.isna(cell) or not str(cell).strip()
+        cells = table.columns[column].iloc[wrong[:1]]
+        cell = cells.iloc[0]
+        blank = cells.isna().all() or not str(cell).strip()
         raise ValueError(
             f"The column {table.names[column]!r} of {table.source} has"
             f" {'an empty or NaN cell' if blank else repr(str(cell))} {table.place(wrong[0])},"

@@ -1,27 +1,180 @@
-"""What a report says of a result, as plain data; host code."""
+"""What a report says, as plain data: text, rows of text, and JSON; host code.
+
+How it looks is the business of the other files of this wing.
+"""
 
 import math
-import re
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from .._compare import Comparison
 from .._result import Identification
-from .._status import Status, status_name
-from ..models._abstract import AbstractPlant
-from ..models._notation import number
-from ..records._labels import unit_of
+from .._status import Status, refused, status_name
+from ..models._abstract import COMMON, AbstractPlant
+from ..models._notation import number, transfer_function_text
+from ..records._labels import Units
+from ..records._record import StepRecord
+
+
+POOR_FIT = 80.0
+"""Fit in percent below which a model is reported with a warning."""
+# Residuals of a fifth of the output's own spread: noise of a usable record stays well below that, a
+# model that misses the shape does not. `test_what_is_uncertain_is_named` would notice.
+
+
+class Table(NamedTuple):
+    """Rows of text under the names of their columns; `numbers` says which columns hold numbers."""
+
+    columns: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    numbers: tuple[int, ...] = ()
+
+
+class ParameterRow(NamedTuple):
+    """One parameter, as text; empty where there is nothing to say."""
+
+    label: str
+    value: str
+    error: str
+    interval: str
+    unit: str
+
+
+class Content(NamedTuple):
+    """What is said of an identification, in the order of reading.
+
+    - `heading`: lines: the model and its method, the transfer function.
+    - `ranking`: of the families that were compared, name and AICc, the best first; may be empty.
+    - `parameters`: a table of `ParameterRow`s.
+    - `quality`: name and value of each figure of merit.
+    - `verdict`: the sentence of a result without a warning in its status, else empty.
+    - `notes`: what to mind, a sentence each.
+    """
+
+    heading: list[str]
+    ranking: list[tuple[str, str]]
+    parameters: Table
+    quality: list[tuple[str, str]]
+    verdict: str
+    notes: list[str]
+
+
+class ComparisonContent(NamedTuple):
+    """What is said of a comparison: the ranking, and which methods to mind, or gave no model."""
+
+    ranking: Table
+    notes: list[str]
+
+
+# Reports
+
+
+def record_line(record: StepRecord) -> str:
+    """What was read."""
+    units = Units.of(record.labels)
+    size = with_unit(record.step_size, units.input)
+    time = with_unit(record.step_time, units.time)
+    return f"{record.labels.source}: {record.t.size} rows, step of {size} at t = {time}"
+
+
+def content(result: Identification, method: str, step: int | None = None) -> Content:
+    """What an identification says: transfer function, parameters, quality, and what to mind.
+
+    `step` is the number that was asked for, None for the first.
+    """
+    units = Units.of(result.record.labels)
+    aicc = {
+        name.removeprefix("aicc_"): float(value)
+        for name, value in result.details.items()
+        if name.startswith("aicc_")
+    }
+    ranked = sorted(aicc, key=lambda name: (math.isnan(aicc[name]), aicc[name]))
+    return Content(
+        heading=[
+            f"Model {type(result.model).__name__} by {method}",
+            f"G(s) = {transfer_function_text(result.model)}",
+        ],
+        ranking=[(name, number(aicc[name], 6)) for name in ranked],
+        parameters=Table(
+            ("parameter", "value", "std. error", "95 % interval", "unit"),
+            list(_parameter_rows(result, units)),
+            numbers=(1, 2, 3),
+        ),
+        quality=[
+            ("fit", f"{number(result.fit_percent)} %"),
+            ("RMSE", with_unit(result.rmse, units.output)),
+            ("J", with_unit(result.J, units.integral)),
+        ],
+        verdict=Status[result.status] if status_name(result.status) == "successful" else "",
+        notes=warning_sentences(result, step),
+    )
+
+
+def comparison_content(comparison: Comparison, group: str = "all") -> ComparisonContent:
+    """Ranking of the methods that gave a model of a group, and why others gave none."""
+    units = Units.of(comparison.record.labels)
+    rmse = f"RMSE, {units.output}" if units.output else "RMSE"
+    J = f"J, {units.integral}" if units.integral else "J"
+    columns = ("", "method", "model", J, rmse, "fit, %", "par.", "AICc", "G(s)")
+    kept = comparison.models(group)
+    rows = [
+        (
+            str(place),
+            row.method,
+            row.model,
+            number(row.J),
+            number(row.rmse),
+            number(row.fit_percent),
+            str(row.parameters),
+            number(row.aicc, 6),
+            transfer_function_text(row.result.model),
+        )
+        for place, row in enumerate(kept, 1)
+    ]
+    told = [row for row in kept if row.status != "successful"]
+    told += [row for row in comparison.rows if not row.has_model and row.is_of(group)]
+    notes = [f"{row.method}: {row.reason}" for row in told]
+    return ComparisonContent(Table(columns, rows, numbers=(0, 3, 4, 5, 6, 7)), notes)
+
+
+def lookup_content(rows: Iterable[tuple[str, Any]]) -> Table:
+    """Models looked up from times, each under its name."""
+    cells = []
+    for name, (model, status) in rows:
+        values = [number(model.r, 5), number(model.T, 5), transfer_function_text(model)]
+        values = ["-"] * 4 if bool(refused(status)) else [str(int(model.n)), *values]
+        good = status_name(status) == "successful"
+        meaning = "successful" if good else Status[status]
+        cells.append((name, type(model).__name__, *values, meaning))
+    return Table(("lookup", "model", "n", "r", "T", "G(s)", "status"), cells, numbers=(2, 3, 4))
+
+
+# Parameters
 
 
 def parameters(model: AbstractPlant) -> dict[str, Any]:
     """Parameters by name, its own first: numbers, `n` a whole one for a chain, lists of lags."""
-    common = ["gain", "offset", "delay"]
-    own = [name for name in model.__dataclass_fields__ if name not in common]
-    return {name: np.asarray(getattr(model, name)).tolist() for name in own + common}
+    own = [name for name in model.__dataclass_fields__ if name not in COMMON]
+    return {name: np.asarray(getattr(model, name)).tolist() for name in [*own, *COMMON]}
 
 
-def parameter_rows(result: Identification) -> Iterator[tuple[str, str, float, float]]:
+def _parameter_rows(result: Identification, units: Units) -> Iterator[ParameterRow]:
+    """Every parameter with its standard error and interval."""
+    free = {name for name, _ in _free_names(result)}
+    for label, name, value, std in _values(result):
+        error, interval = "", ""
+        if std > 0:
+            error, low, high = number(std, 2), value - 1.96 * std, value + 1.96 * std
+            interval = f"{like(low, std)} to {like(high, std)}"
+        elif std == 0 and name not in free:
+            error = "fixed"
+        shown = str(value) if isinstance(value, int) else number(value, 5)
+        yield ParameterRow(label, shown, error, interval, units.unit(result.model.dimension(name)))
+
+
+def _values(result: Identification) -> Iterator[tuple[str, str, float, float]]:
     """Label, name, value and standard error of every parameter; lags slowest first, without 0."""
     for name, value in parameters(result.model).items():
         std = np.asarray(result.std.get(name, np.nan), float)
@@ -34,23 +187,18 @@ def parameter_rows(result: Identification) -> Iterator[tuple[str, str, float, fl
             yield f"lag {place}", name, float(values[i]), float(errors[i])
 
 
-POOR_FIT = 80.0
-"""Fit in percent below which a model is reported with a warning."""
+def _free_names(result: Identification) -> list[tuple[str, str]]:
+    """Free parameters: the field, and the name that a report shows; the third of the lags is "lag 3"."""
+    free = [scalar for scalar in result.model.scalars if scalar.label in result.free]
+    return [(x.name, x.name if x.place is None else f"lag {x.place + 1}") for x in free]
+
+
+# What to mind
 
 
 def warning_sentences(result: Identification, step: int | None = None) -> list[str]:
     """What a user should know about a result, each in one sentence."""
     details = {**result.record.details, **result.details}
-    unit = unit_of(result.record.labels.output)
-
-    def holds(name: str) -> bool:
-        return bool(np.any(np.asarray(details.get(name, False))))
-
-    def named(name: str, wanted: bool) -> list[str]:
-        flags = np.asarray(details.get(name, []), bool)
-        names = [re.sub(r"lags\[(\d+)\]", _lag_label, x) for x in result.free]
-        return [x for x, flag in zip(names, flags, strict=False) if flag == wanted]
-
     sentences = []
     if result.status != Status.successful:
         sentences.append(Status[result.status])
@@ -58,49 +206,68 @@ def warning_sentences(result: Identification, step: int | None = None) -> list[s
         sentences.append(
             f"The fit is only {number(result.fit_percent)} %: look at the plot before using it."
         )
+    sentences += _about_parameters(result, details)
+    sentences += _about_the_step(details, step)
+    sentences += _about_residuals(details, Units.of(result.record.labels).output)
+    return list(dict.fromkeys(sentences))
+
+
+def _about_parameters(result: Identification, details: dict[str, Any]) -> Iterator[str]:
+    """Parameters that the record does not determine, or that ended on a bound."""
+
+    def named(detail: str, wanted: bool) -> list[str]:
+        flags = np.asarray(details.get(detail, []), bool)  # empty where a method has no errors
+        pairs = zip(_free_names(result), flags, strict=False)
+        return [shown for (_, shown), flag in pairs if flag == wanted]
+
     bounded = named("at_bound", True)
     vague = [name for name in named("identifiable", False) if name not in bounded]
     if vague:
-        sentences.append(f"Not determined by this record: {', '.join(vague)}.")
+        yield f"Not determined by this record: {', '.join(vague)}."
     if "delay" in bounded:
-        sentences.append("The dead time is at the end of its range and has no standard error.")
+        yield "The dead time is at the end of its range and has no standard error."
         bounded.remove("delay")
     if bounded:
-        sentences.append(f"At the end of its range: {', '.join(bounded)}.")
-    if int(details.get("steps_found", 1)) == 0:
-        sentences.append(
+        yield f"At the end of its range: {', '.join(bounded)}."
+
+
+def _about_the_step(details: dict[str, Any], step: int | None) -> Iterator[str]:
+    """Where the step was found, or what was assumed."""
+    found = details.get("steps_found")  # a record from arrays says nothing of it
+    if found is not None and int(found) == 0:
+        yield (
             "No input column: the step is taken to be at t = 0 with size 1, and gain and dead time"
             " refer to that."
         )
-    if holds("assumed_step"):
-        sentences.append(
-            "The input is constant from its first row: taken as a step from 0 at that row."
-        )
-    found = int(details.get("steps_found", 0))
-    if found > 1:
-        chosen = 1 if step is None else step if step > 0 else found + 1 + step
+    if _holds(details, "assumed_step"):
+        yield "The input is constant from its first row: taken as a step from 0 at that row."
+    if found is not None and int(found) > 1:
+        chosen = 1 if step is None else step if step > 0 else int(found) + 1 + step
         choose = ": choose with --step" if step is None else ""
-        sentences.append(f"{found} steps in the input; this is step {chosen}{choose}.")
-    if holds("not_settled"):
-        sentences.append(Status[Status.not_settled])
-    if holds("quantised"):
+        yield f"{int(found)} steps in the input; this is step {chosen}{choose}."
+
+
+def _about_residuals(details: dict[str, Any], unit: str) -> Iterator[str]:
+    """Quantised data and correlated residuals."""
+    if _holds(details, "quantised"):
         width = details.get("quantisation")
         steps = "" if width is None else f", in steps of {with_unit(width, unit)}"
-        sentences.append(f"The output is quantised{steps}.")
-    if holds("residuals_correlated"):
+        yield f"The output is quantised{steps}."
+    if _holds(details, "residuals_correlated"):
         lag = details.get("residual_autocorrelation")
         amount = "" if lag is None else f" (autocorrelation {number(lag, 2)} from row to row)"
-        sentences.append(
+        yield (
             f"The residuals are correlated{amount}: slow disturbances, or a model that misses part"
             " of the response. The standard errors allow for it as first-order noise; slower"
             " disturbances still make them too small."
         )
-    return list(dict.fromkeys(sentences))
 
 
-def _lag_label(match: re.Match[str]) -> str:
-    """Name of a lag as in the table: the largest is lag 1."""
-    return f"lag {int(match[1]) + 1}"
+def _holds(details: dict[str, Any], name: str) -> bool:
+    return bool(np.any(np.asarray(details.get(name, False))))
+
+
+# Numbers
 
 
 def with_unit(x, unit: str) -> str:
@@ -112,6 +279,9 @@ def like(x: float, std: float) -> str:
     """A number to the second digit of its standard error, at most 6 significant ones."""
     size = math.floor(math.log10(abs(x))) if x else 0
     return number(x, min(6, max(2, size - math.floor(math.log10(std)) + 2)))
+
+
+# JSON
 
 
 def to_json(result: Identification, method: str) -> dict[str, Any]:

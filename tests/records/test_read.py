@@ -14,7 +14,7 @@ import scipy.io
 from stepax.records._read import find_steps, read_record
 
 
-DATA = Path(__file__).parents[2] / "shared/data"
+DATA = Path(__file__).parents[3] / "shared/data"
 real = pytest.mark.skipif(not DATA.is_dir(), reason="the real records are not here")
 
 ROWS = 40
@@ -271,6 +271,15 @@ def test_ramp_is_one_step(ramp):
     u = np.array([0.0] * 50 + ramp + [1.0] * 100)
     assert find_steps(2 + 3 * u) == [(50, pytest.approx(3))]
     assert find_steps(2 - 3 * u) == [(50, pytest.approx(-3))]
+
+
+def test_small_changes_beside_a_large_step():
+    """3 % of the largest step is no step, 8 % is; four rows between two changes part them."""
+    for size, count in ((0.3, 1), (0.8, 2)):
+        assert len(find_steps(np.repeat([0.0, 10.0, 10.0 + size], 50))) == count
+    assert len(find_steps(np.repeat([0.0, 1.0, 2.0], [50, 4, 50]))) == 2
+    assert len(find_steps(np.repeat([0.0, 1.0, 2.0], [50, 3, 50]))) == 1
+    assert find_steps(np.repeat([5.0, np.nextafter(5.0, 6.0)], 30)) == []
 
 
 def test_step_at_the_first_interval_and_quantised_input():

@@ -5,7 +5,8 @@ import functools
 import jax
 import numpy as np
 import pytest
-from points import (
+from scipy import special
+from tests.points import (
     SYSTEMS,
     chain,
     check_invariance,
@@ -13,18 +14,18 @@ from points import (
     lags_of,
     oscillation,
     parameters,
-    quick_compilation,  # noqa: F401
     row,
     run,
     squared_error,
     system_row,
     transformed,
 )
-from scipy import special
 
 from stepax import METHODS, Status, StepRecord
 from stepax.methods import MODELS
 
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 # For each system: the lags (T, n times, or T1 and T2; zeta and 1/omega_n of an oscillation), the
 # dead time, J. Computed from exact times and integrals.

@@ -1,74 +1,32 @@
-"""Lookup curves against high precision, and their inverses against the curves."""
+"""Lookup against the curves that it inverts."""
 
 import functools
-import os
 
 import jax
 import jax.numpy as jnp
-import mpmath
 import numpy as np
-import oracle
 import pytest
-from mpmath import mpf
-from scipy import optimize, special
+from scipy import optimize
+from tests.spread_curves import (
+    EQUAL_LAGS,
+    ORDERS,
+    batched,
+    curves,
+    equal_lag_ends,
+    families,
+    grid,
+)
 
 from stepax import Hudzovic, PTn, Sani, Status, lookup, lookup_curves
-from stepax.models import _contour
 
 
-ORDERS = np.arange(2, 9)
-FAMILIES = [Hudzovic, Sani]
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
 KINDS = ["tu_tg", "lam"]
 TIMES = {"tu_tg": ("Tu", "Tg"), "lam": ("t10", "t50", "t90")}
 FIRST_ORDER = {"tu_tg": 0.0, "lam": np.log(9) / np.log(2)}
-BATCH = 256
-"""Lanes of every batch, so that each function is compiled once."""
 
-families = pytest.mark.parametrize("model", FAMILIES)
 kinds = pytest.mark.parametrize("kind", KINDS)
-
-# Murray 2016, recomputed independently: reference/murray_notes.md section 1.2 (6 decimals).
-EQUAL_LAGS = np.array(
-    [  # max Tu/Tg, 1/Tg, min lam, 1/t50
-        (0.103638, 0.367879, 2.000724, 0.595824),
-        (0.218018, 0.270671, 1.578220, 0.373963),
-        (0.319357, 0.224042, 1.344208, 0.272327),
-        (0.410304, 0.195367, 1.190560, 0.214091),
-        (0.493298, 0.175467, 1.079824, 0.176362),
-        (0.570042, 0.160623, 0.995152, 0.149933),
-        (0.641733, 0.149003, 0.927704, 0.130391),
-    ]
-)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def quick_compilation():
-    """The poles in a loop, as on the command line: compiling is most of the time of these tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        if not os.environ.get("STEPAX_TEST_OPTIMISED"):
-            patch.setattr(_contour, "_looped", True)
-        yield
-
-
-def batched(function, *columns):
-    """A batch function on columns of any length, BATCH rows at a time (the last row repeated)."""
-    columns = [np.asarray(x) for x in columns]
-    count = len(columns[0])
-    parts = []
-    for start in range(0, count, BATCH):
-        rows = np.minimum(np.arange(start, start + BATCH), count - 1)
-        parts.append(function(*(x[rows] for x in columns)))
-    return jax.tree.map(lambda *x: np.concatenate(x)[:count], *parts)
-
-
-@functools.cache
-def compiled_curves(model):
-    return jax.jit(lambda n, r: lookup_curves(model, n, r))
-
-
-def curves(model, n, r):
-    """The four curves, as the columns of a table."""
-    return np.stack(batched(compiled_curves(model), n, r), axis=1)
 
 
 @functools.cache
@@ -137,152 +95,9 @@ def ratio(kind, times):
     return (times[:, 2] - times[:, 0]) / times[:, 1]
 
 
-def equal_lag_ends(kind):
-    """Closed forms: the gamma distribution."""
-    if kind == "tu_tg":
-        x = ORDERS - 1
-        slope = np.exp(x * np.log(x) - x - special.gammaln(ORDERS))
-        return x * slope - special.gammainc(ORDERS, x)
-    t10, t50, t90 = (special.gammaincinv(ORDERS, p) for p in (0.1, 0.5, 0.9))
-    return (t90 - t10) / t50
-
-
 def inside(kind, value, amount):
     """A ratio moved towards the first-order end by a relative amount."""
     return value * (1 - amount if kind == "tu_tg" else 1 + amount)
-
-
-def grid(model, shares):
-    """Every order with every share of the range of r."""
-    n, share = (x.ravel() for x in np.meshgrid(ORDERS, shares, indexing="ij"))
-    return n, share if model is Sani else share / (n - 1)
-
-
-# ---- the curves
-
-
-def high_precision_curves(model, n, r):
-    """The four curves of one plant, by root finding on partial fractions."""
-    family = model.__name__
-    with oracle.enough_digits(family, {"n": n}):
-        p = {"T": mpf(1), "r": oracle.exact(r), "n": n}
-        lags = (oracle.hudzovic_lags if model is Hudzovic else oracle.sani_lags)(p)
-        middle = mpmath.log(mpmath.fsum(lags))
-
-        def time_at(level):
-            def logit(x):
-                g = oracle.chain(mpmath.exp(x), lags)
-                return mpmath.log(g / (1 - g)) - mpmath.log(level / (1 - level))
-
-            return mpmath.exp(mpmath.findroot(logit, (middle, middle - 0.5), tol=1e-18))
-
-        def differences(t):
-            h = t * oracle.STEP
-            below, at, above = (oracle.chain(t + k * h, lags) for k in (-1, 0, 1))
-            return at, (above - below) / (2 * h), (above - 2 * at + below) / h**2
-
-        def relative_curvature(x):
-            t = mpmath.exp(x)
-            _, slope, curvature = differences(t)
-            return t * curvature / slope
-
-        # Tu/Tg and 1/Tg are stationary at the inflection: half their digits suffice.
-        bracket = (mpmath.log(mpf(10) ** -3), middle)
-        log_t = mpmath.findroot(relative_curvature, bracket, solver="anderson", tol=1e-11)
-        t = mpmath.exp(log_t)
-        g, slope, _ = differences(t)
-        t10, t50, t90 = (time_at(mpf(k) / 10) for k in (1, 5, 9))
-        return [float(x) for x in (t * slope - g, slope, (t90 - t10) / t50, 1 / t50)]
-
-
-SHARES = {Hudzovic: (0, 0.02, 0.5, 0.98, 0.99999), Sani: (0.01, 0.1, 0.5, 0.99, 1)}
-
-
-@families
-def test_curves_at_high_precision(model):
-    n, r = grid(model, SHARES[model])
-    expected = np.array([high_precision_curves(model, *x) for x in zip(n.tolist(), r, strict=True)])
-    error = np.abs(curves(model, n, r) - expected)
-    # Sani's Tu/Tg is a difference of numbers known to some 1e-13.
-    floor = np.array([2e-13 if model is Sani else 0, 0, 0, 0])
-    assert (error <= 1e-11 * expected + floor).all()
-
-
-@families
-def test_curves_at_equal_lags_have_the_published_values(model):
-    n, r = grid(model, [1.0 if model is Sani else 0.0])
-    tu_tg, inv_tg, lam, inv_t50 = curves(model, n, r).T
-    assert np.abs(np.stack([tu_tg, inv_tg, lam, inv_t50], 1) - EQUAL_LAGS).max() < 5.1e-7
-    assert np.allclose(tu_tg, equal_lag_ends("tu_tg"), rtol=1e-12, atol=0)
-    assert np.allclose(lam, equal_lag_ends("lam"), rtol=1e-12, atol=0)
-
-
-@pytest.mark.long
-def test_hudzovic_quantiles_are_those_of_the_beta_distribution():
-    n, r = grid(Hudzovic, np.linspace(0.001, 0.97, 300))
-    m = 1 - (n - 1) * r
-    # the complement, exp(-r t): towards the end of r the quantile itself rounds to 1
-    t10, t50, t90 = (-np.log(special.betaincinv(m / r, n, 1 - p)) / r for p in (0.1, 0.5, 0.9))
-    *_, lam, inv_t50 = curves(Hudzovic, n, r).T
-    assert np.allclose(lam, (t90 - t10) / t50, rtol=1e-9, atol=0)
-    assert np.allclose(inv_t50, 1 / t50, rtol=1e-9, atol=0)
-
-
-@families
-def test_curves_are_monotone_in_r(model):
-    table = curves(model, *grid(model, np.linspace(0.001, 0.999, 36))).reshape(7, 36, 4)
-    rising = 1 if model is Sani else -1
-    assert (rising * np.diff(table[..., 0], axis=1) > 0).all()
-    assert (rising * np.diff(table[..., 2], axis=1) < 0).all()
-
-
-def test_curves_published_as_examples():
-    """Figures 3-5 of Murray 2016; recomputed in reference/murray_notes.md, E35."""
-    hudzovic = curves(Hudzovic, np.array([3, 3]), np.array([0.4, 0.3479]))
-    sani = curves(Sani, np.array([4, 3]), np.array([0.9, 0.8]))
-    assert np.allclose(hudzovic[0, :2], (0.16529, 0.10733), rtol=0, atol=6e-6)
-    assert np.allclose(hudzovic[1, 2:], (1.76677, 0.20077), rtol=0, atol=6e-6)
-    assert np.allclose(sani[0, :2], (0.31658, 0.26023), rtol=0, atol=6e-6)
-    assert np.allclose(sani[1, 2:], (1.6026, 0.4623), rtol=0, atol=6e-5)
-
-
-@families
-def test_curves_of_an_r_out_of_range_are_nan(model):
-    wrong = {Hudzovic: (-1e-3, 1.001, 1.2, np.nan), Sani: (-1e-3, -1.0, 1.001, np.nan)}[model]
-    n, r = grid(model, (*wrong, 0.5))
-    table = curves(model, n, r).reshape(len(ORDERS), -1, 4)
-    assert np.isnan(table[:, :-1]).all() and np.isfinite(table[:, -1]).all()
-
-
-@families
-def test_curves_broadcast_and_follow_the_dtype(model):
-    shape = jax.eval_shape(
-        lambda n, r: lookup_curves(model, n, r), np.array([[2], [3]]), np.zeros((1, 4), np.float32)
-    )
-    assert [(x.shape, x.dtype) for x in shape] == [((2, 4), np.float32)] * 4
-    shape = jax.eval_shape(lambda r: lookup_curves(model, 3, r), 0.1)
-    assert all(x.shape == () for x in shape)
-
-
-@families
-def test_curves_in_float32(model):
-    n, r = grid(model, (0.1, 0.5, 0.9))
-    single = curves(model, n, r.astype(np.float32))
-    assert single.dtype == np.float32
-    assert np.allclose(single, curves(model, n, r), rtol=2e-4, atol=2e-5)
-
-
-def test_curves_broadcast_values():
-    n, r = np.array([[2, 3]]), np.array([[0.1], [0.2]])
-    table = np.stack(compiled_curves(Hudzovic)(n, r), axis=-1).reshape(4, 4)
-    row = curves(Hudzovic, np.array([2, 3, 2, 3]), np.array([0.1, 0.1, 0.2, 0.2]))
-    assert np.allclose(table, row, rtol=1e-13, atol=0)
-
-
-@families
-def test_curves_of_an_order_out_of_range_are_nan(model):
-    table = curves(model, np.array([-1, 0, 1, 9, 20]), np.full(5, 0.01))
-    assert np.isnan(table).all()
 
 
 # ---- inverses: where they lead

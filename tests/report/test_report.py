@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from stepax import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani, Status, StepRecord
+from stepax import FOPDT, SOPDT, EqualLag, PTn, Sani, Status, StepRecord
+from stepax._compare import Comparison, Row
 from stepax._result import conclude
-from stepax.models._notation import number, transfer_function_text
-from stepax.records._labels import Labels, Units, unit_of
-from stepax.report._content import to_json, warning_sentences
+from stepax.records._labels import Labels
+from stepax.report._content import comparison_content, content, to_json, warning_sentences
 from stepax.report._terminal import report
 
 
@@ -32,78 +32,6 @@ def text_of(renderable):
     console = Console(width=200, no_color=True, record=True, file=StringIO())
     console.print(renderable)
     return console.export_text()
-
-
-@pytest.mark.parametrize(
-    ("x", "text"),
-    [
-        (0, "0"),
-        (12.3, "12.3"),
-        (0.64351, "0.6435"),
-        (152.13, "152.1"),
-        (123456.7, "123457"),
-        (9.99999, "10"),
-        (-2.5, "-2.5"),
-        (1.5e-7, "1.500e-07"),
-        (2.3e9, "2.300e+09"),
-        (math.nan, "-"),
-        (100, "100"),
-    ],
-)
-def test_number(x, text):
-    assert number(x) == text
-
-
-@pytest.mark.parametrize(
-    ("model", "text"),
-    [
-        (
-            PTn(lags=np.array([12.2, 0.0, 152.1]), gain=0.64351, delay=12.3),
-            "0.6435 exp(-12.3 s) / ((1 + 152.1 s)(1 + 12.2 s))",
-        ),
-        (PTn(lags=np.zeros(2), gain=-2.0), "-2"),
-        (FOPDT(T=3.0), "1 / (1 + 3 s)"),
-        (EqualLag(T=2.3, n=3), "1 / (1 + 2.3 s)^3"),
-        (EqualLag(T=2.3, n=2.5), "1 / (1 + 2.3 s)^2.5"),
-        (EqualLag(T=2.3, n=1), "1 / (1 + 2.3 s)"),
-        (Sani(T=4.0, r=1.0, n=2, gain=2.0), "2 / (1 + 4 s)^2"),
-        (Sani(T=4.0, r=0.5, n=jnp.asarray(3)), "1 / ((1 + 4 s)(1 + 2 s)(1 + 1 s))"),
-        (Hudzovic(T=1.0, r=0.5, n=2), "1 / ((1 + 2 s)(1 + 1 s))"),
-        (SOPDT(zeta=0.2, omega_n=0.5, delay=1.0), "1 exp(-1 s) / (1 + 0.8 s + 4 s^2)"),
-        (SOPDT(zeta=1.0, omega_n=0.5), "1 / (1 + 2 s)^2"),
-        (FOPDT(T=math.nan), "none"),
-    ],
-)
-def test_transfer_function(model, text):
-    assert transfer_function_text(model) == text
-
-
-@pytest.mark.parametrize(
-    ("label", "unit"),
-    [
-        ("Velocidad (rad/s)", "rad/s"),
-        ("T1 [°C]", "°C"),
-        ("T (box) [K]", "K"),
-        ("time_s", "s"),
-        ("Temp, degC", "degC"),
-        ("T_1", ""),
-        ("y(t)", ""),
-        ("box temp", ""),
-        ("", ""),
-    ],
-)
-def test_unit(label, unit):
-    assert unit_of(label) == unit
-
-
-def test_units_of_parameters():
-    units = Units.of(LABELS)
-    names = ["T", "lags", "delay", "gain", "offset", "zeta", "omega_n", "n"]
-    expected = ["s", "s", "s", "degC/%", "degC", "", "rad/s", ""]
-    assert [units.parameter(name) for name in names] == expected
-    assert units.integral == "degC^2 s"
-    assert Units.of(Labels()).parameter("gain") == ""
-    assert Units("s", "rad/s", "V").parameter("gain") == "(rad/s)/V"
 
 
 def test_report():
@@ -189,3 +117,55 @@ def test_what_is_uncertain_is_named():
     assert "The fit is only" in text and "No input column" in text
     assert result.show_model() == "5 / (1 + 300 s)"
     assert "No input column" not in " ".join(warning_sentences(identification(FOPDT(T=10.0))))
+
+
+def is_text(tree):
+    if isinstance(tree, list | tuple):
+        return all(map(is_text, tree))
+    return isinstance(tree, str | int)  # numbers of columns
+
+
+def test_content_is_plain_text():
+    std = {"T": 0.123, "gain": 0.01, "offset": 0.0, "delay": math.nan}
+    result = identification(
+        FOPDT(T=10.0, gain=5.0, offset=20.0),
+        free=("T", "gain", "delay"),
+    )
+    aicc = {"aicc_sani_fit": jnp.asarray(-3.0), "aicc_fopdt_fit": jnp.asarray(-8.25)}
+    std = {name: jnp.asarray(value) for name, value in std.items()}
+    said = content(replace(result, std=std, details=aicc), "fopdt_fit")
+    assert is_text(said)
+    assert said.heading == ["Model FOPDT by fopdt_fit", "G(s) = 5 / (1 + 10 s)"]
+    assert said.ranking == [("fopdt_fit", "-8.25"), ("sani_fit", "-3")]
+    assert said.parameters.rows == [
+        ("T", "10", "0.12", "9.76 to 10.24", "s"),
+        ("gain", "5", "0.01", "4.98 to 5.02", "degC/%"),
+        ("offset", "20", "fixed", "", "degC"),
+        ("delay", "0", "", "", "s"),
+    ]
+    assert [name for name, _ in said.quality] == ["fit", "RMSE", "J"]
+    assert said.verdict == Status[Status.successful] and said.notes == []
+
+
+def test_lags_have_one_name_in_table_and_notes():
+    free = ("lags[0]", "lags[1]", "gain")
+    details = {"at_bound": jnp.array([False, True, False])}
+    model = PTn(lags=[10.0, 2.0], gain=5.0, offset=20.0)
+    said = content(identification(model, Status.at_bound, free=free, details=details), "ptn_fit")
+    assert [row[0] for row in said.parameters.rows[:3]] == ["lag 1", "lag 2", "gain"]
+    assert "At the end of its range: lag 2." in said.notes and said.verdict == ""
+
+
+def test_content_of_a_comparison():
+    good = identification(FOPDT(T=10.0, gain=5.0, offset=20.0))
+    lost = identification(PTn(lags=[1.0]), Status.no_inflection)
+    figures = (0.02, 0.01, 99.0, 4, -3.5)
+    rows = (
+        Row("viteckova_1", good, "FOPDT", *figures, "successful", "Fine."),
+        Row("smith", lost, "PTn", *figures, "no_inflection", "None."),
+    )
+    said = comparison_content(Comparison(good.record, rows))
+    assert is_text(said) and "J, degC^2 s" in said.ranking.columns
+    texts = ("0.02", "0.01", "99", "4", "-3.5", "5 / (1 + 10 s)")
+    assert said.ranking.rows == [("1", "viteckova_1", "FOPDT", *texts)]
+    assert said.notes == ["smith: None."]

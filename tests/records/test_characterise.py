@@ -1,7 +1,6 @@
 """Crossing times and tangents against closed forms, and the five lookup methods on records."""
 
 import functools
-import os
 
 import jax
 import jax.numpy as jnp
@@ -20,23 +19,15 @@ from stepax import (
     crossing_times,
     tangent,
 )
-from stepax.models import _contour
 
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 SAMPLES = 2000
 LEVELS = np.array([0.1, 0.5, 0.9])
 PLANT = {"T": 2.0, "r": 0.2, "n": 4}
 END = 60.0  # 99.9 % of the plant and more
 LANES = 12
-
-
-@pytest.fixture(scope="module", autouse=True)
-def quick_compilation():
-    """The poles in a loop, as on the command line: compiling is most of the time of these tests."""
-    with pytest.MonkeyPatch.context() as patch:
-        if not os.environ.get("STEPAX_TEST_OPTIMISED"):
-            patch.setattr(_contour, "_looped", True)
-        yield
 
 
 @functools.cache

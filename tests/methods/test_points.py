@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import mpmath
 import numpy as np
 import pytest
-from points import (
+from scipy import interpolate, optimize, special
+from tests.points import (
     SYSTEMS,
     chain,
     check_invariance,
@@ -15,14 +16,12 @@ from points import (
     lags_of,
     oscillation,
     parameters,
-    quick_compilation,  # noqa: F401
     row,
     run,
     squared_error,
     system_row,
     transformed,
 )
-from scipy import interpolate, optimize, special
 
 from stepax import METHODS, Status, StepRecord, smooth
 from stepax.curves._roots import clamped_root
@@ -33,6 +32,8 @@ from stepax.methods._tables import latzel_table, strejc_table
 from stepax.methods._two_points import TWO_POINTS, exact_constants
 from stepax.records._characterise import value_at
 
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 SEVEN = [
     "viteckova_1",

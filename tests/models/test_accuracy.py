@@ -5,9 +5,9 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
-import oracle
 import pytest
 from mpmath import mpf
+from tests import oracle
 
 import stepax
 

@@ -4,8 +4,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import oracle
 import pytest
+from tests import oracle
 
 import stepax
 from stepax import FOPDT, MAX_ORDER, SOPDT, EqualLag, Hudzovic, PTn, Sani

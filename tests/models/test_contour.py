@@ -1,17 +1,24 @@
 """The contour kernel: its weights, and properties of the chains that it evaluates."""
 
-import caratheodory_fejer
+from concurrent.futures import ThreadPoolExecutor
+
 import jax
 import jax.numpy as jnp
 import mpmath
 import numpy as np
-import oracle
 import pytest
 from hypothesis import given, settings, strategies as st
 from mpmath import mp, mpf
+from tests import caratheodory_fejer, oracle
 
 import stepax
-from stepax.models._contour import _pairs, chain_derivatives, chain_response, lag_power_response
+from stepax.models._contour import (
+    _pairs,
+    chain_derivatives,
+    chain_response,
+    lag_power_response,
+    quick_compilation,
+)
 
 
 DTYPES = (np.float64, np.float32)
@@ -162,6 +169,51 @@ def test_derivatives_in_time_are_those_of_jvp(lags):
         assert np.allclose(a, b, rtol=0, atol=1e-11)
     early = chain_derivatives(jnp.array([-1.0, 0.0]), lags, 2)
     assert np.all(np.array(early) == 0)
+
+
+def has_loop(function, *arguments):
+    """Whether a jitted function, as the context now has it, loops over the poles."""
+    return "stablehlo.while" in function.lower(*arguments).as_text()
+
+
+def has_loop_in_own_context(*arguments):
+    with quick_compilation():
+        return has_loop(*arguments)
+
+
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_both_forms_give_the_same_numbers(dtype):
+    lags = padded([1.0, 0.5, 0.5, 1e-3]).astype(dtype)
+    t = times(lags).astype(dtype)
+    written = chain_derivatives(t, lags, 1)
+    with quick_compilation():
+        looped = chain_derivatives(t, lags, 1)
+    # the same sum in the same order, fused differently: a few roundings of weights up to 280
+    # (times a pole up to 30 in the slope)
+    eps, weight = jnp.finfo(dtype).eps, 300 if dtype is np.float64 else 10
+    for a, b, pole in zip(written, looped, (1, 30), strict=True):
+        assert np.max(np.abs(a - b)) <= 4 * weight * pole * eps
+
+
+def test_a_change_of_form_is_traced_anew():
+    """Of a jitted function and the jitted kernel inside it; within a thread alone."""
+    traced = []
+
+    @jax.jit
+    def slope(t, lags):
+        traced.append(t)
+        return jax.grad(chain_response)(t, lags)
+
+    t, lags = jnp.asarray(1.0), jnp.ones(2)
+    written = [slope(t, lags), slope(t, lags)]
+    assert len(traced) == 1 and not has_loop(slope, t, lags)
+    with quick_compilation():
+        assert has_loop(slope, t, lags) and len(traced) == 2
+        assert slope(t, lags) == pytest.approx(float(written[0]), abs=1e-12) and len(traced) == 2
+        with ThreadPoolExecutor(1) as pool:
+            assert not pool.submit(has_loop, slope, t, lags).result()
+            assert pool.submit(has_loop_in_own_context, slope, t, lags).result()
+    assert slope(t, lags) == written[1] and len(traced) == 2 and not has_loop(slope, t, lags)
 
 
 @pytest.mark.long

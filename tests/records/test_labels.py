@@ -1,0 +1,62 @@
+"""Units in the names of columns, and those of parameters."""
+
+import pytest
+
+from stepax.records._labels import Labels, Units, unit_of
+
+
+LABELS = Labels("oven.csv", "time (s)", "T [degC]", "heater (%)")
+
+
+@pytest.mark.parametrize(
+    ("label", "unit"),
+    [
+        ("Velocidad (rad/s)", "rad/s"),
+        ("T1 [°C]", "°C"),
+        ("T (box) [K]", "K"),
+        ("[K]", ""),
+        ("T [1]", ""),
+        ("time_s", "s"),
+        ("Temp, degC", "degC"),
+        ("T_1", ""),
+        ("y(t)", ""),
+        ("box temp", ""),
+        ("", ""),
+    ],
+)
+def test_unit(label, unit):
+    assert unit_of(label) == unit
+
+
+def test_units_of_parameters():
+    units = Units.of(LABELS)
+    names = ["T", "lags", "delay", "gain", "offset", "zeta", "omega_n", "n"]
+    expected = ["s", "s", "s", "degC/%", "degC", "", "rad/s", ""]
+    assert [units.parameter(name) for name in names] == expected
+    assert units.integral == "degC^2 s"
+    assert Units.of(Labels()).parameter("gain") == ""
+    assert Units("s", "rad/s", "V").parameter("gain") == "(rad/s)/V"
+
+
+@pytest.mark.parametrize(
+    ("units", "expected"),
+    [
+        (Units("s", "degC", "%"), ["s", "rad/s", "", "degC/%", "degC", "degC/(% s)"]),
+        (
+            Units("min", "rad/s", "l/min"),
+            ["min", "rad/min", "", "(rad/s)/(l/min)", "rad/s", "(rad/s)/((l/min) min)"],
+        ),
+        (
+            Units("s", "degC", ""),
+            ["s", "rad/s", "", "degC per unit of input", "degC", "degC/s per unit of input"],
+        ),
+        (Units("", "degC", "%"), ["", "", "", "degC/%", "degC", ""]),
+        (Units("s", "", "%"), ["s", "rad/s", "", "", "", ""]),
+        (Units("", "", ""), [""] * 6),
+    ],
+)
+def test_units_of_dimensions(units, expected):
+    dimensions = ["time", "per time", "1", "output/input", "output", "output/(input time)"]
+    assert [units.unit(dimension) for dimension in dimensions] == expected
+    with pytest.raises(KeyError):
+        units.unit("length")
