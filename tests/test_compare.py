@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from stepax import FOPDT, SOPDT, Sani, Status, StepRecord, compare
+from stepax import FOPDT, SOPDT, EqualLag, PTn, Sani, Status, StepRecord, compare
 from stepax._compare import Comparison, Row, level_marks, tangent_ends
 from stepax._identify import parameter_count
 from stepax._result import conclude

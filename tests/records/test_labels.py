@@ -2,6 +2,7 @@
 
 import pytest
 
+from stepax import IPDT, SOPDT, EqualLag, PTn
 from stepax.records._labels import Labels, Units, unit_of
 
 
@@ -30,12 +31,15 @@ def test_unit(label, unit):
 
 def test_units_of_parameters():
     units = Units.of(LABELS)
-    names = ["T", "lags", "delay", "gain", "offset", "zeta", "omega_n", "n"]
+    chain, pair, oscillation = EqualLag(T=1.0, n=2.5), PTn(lags=[1.0]), SOPDT(zeta=1.0, omega_n=1.0)
+    owners = [(chain, "T"), (pair, "lags"), (chain, "delay"), (chain, "gain"), (chain, "offset")]
+    owners += [(oscillation, "zeta"), (oscillation, "omega_n"), (chain, "n")]
     expected = ["s", "s", "s", "degC/%", "degC", "", "rad/s", ""]
-    assert [units.parameter(name) for name in names] == expected
+    assert [units.unit(model.dimension(name)) for model, name in owners] == expected
+    assert units.unit(IPDT(T=1.0).dimension("gain")) == "degC/(% s)"
     assert units.integral == "degC^2 s"
-    assert Units.of(Labels()).parameter("gain") == ""
-    assert Units("s", "rad/s", "V").parameter("gain") == "(rad/s)/V"
+    assert Units.of(Labels()).unit(chain.dimension("gain")) == ""
+    assert Units("s", "rad/s", "V").unit(chain.dimension("gain")) == "(rad/s)/V"
 
 
 @pytest.mark.parametrize(

@@ -171,7 +171,8 @@ def _parameter_rows(result: Identification, units: Units) -> Iterator[ParameterR
         elif std == 0 and name not in free:
             error = "fixed"
         shown = str(value) if isinstance(value, int) else number(value, 5)
-        yield ParameterRow(label, shown, error, interval, units.unit(result.model.dimension(name)))
+        unit = units.unit(result.model.dimension(name))
+        yield ParameterRow(label, shown, error, interval, unit)
 
 
 def _values(result: Identification) -> Iterator[tuple[str, str, float, float]]:
@@ -188,7 +189,7 @@ def _values(result: Identification) -> Iterator[tuple[str, str, float, float]]:
 
 
 def _free_names(result: Identification) -> list[tuple[str, str]]:
-    """Free parameters: the field, and the name that a report shows; the third of the lags is "lag 3"."""
+    """Free parameters: the field, and the name that a report shows; the third lag is "lag 3"."""
     free = [scalar for scalar in result.model.scalars if scalar.label in result.free]
     return [(x.name, x.name if x.place is None else f"lag {x.place + 1}") for x in free]
 
