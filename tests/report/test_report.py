@@ -13,6 +13,7 @@ from rich.console import Console
 from stepax import FOPDT, SOPDT, EqualLag, PTn, Sani, Status, StepRecord
 from stepax._compare import Comparison, Row
 from stepax._result import conclude
+from stepax.methods import ROWS
 from stepax.records._labels import Labels
 from stepax.report._content import comparison_content, content, to_json, warning_sentences
 from stepax.report._terminal import report
@@ -161,8 +162,8 @@ def test_content_of_a_comparison():
     lost = identification(PTn(lags=[1.0]), Status.no_inflection)
     figures = (0.02, 0.01, 99.0, 4, -3.5)
     rows = (
-        Row("viteckova_1", good, "FOPDT", *figures, "successful", "Fine."),
-        Row("smith", lost, "PTn", *figures, "no_inflection", "None."),
+        Row("viteckova_1", good, "FOPDT", *figures, "successful", "Fine.", ROWS["viteckova_1"]),
+        Row("smith", lost, "PTn", *figures, "no_inflection", "None.", ROWS["smith"]),
     )
     said = comparison_content(Comparison(good.record, rows))
     assert is_text(said) and "J, degC^2 s" in said.ranking.columns

@@ -6,14 +6,14 @@ its coordinate.
 
 import abc
 import dataclasses
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .._arrays import Coordinates, Scalar
+from .._arrays import Coordinates, Flag, Scalar
 from .._status import Status
 from ..models._abstract import AbstractPlant, AbstractSpreadChain
 from ..models._plants import FOPDT, IPDT, SOPDT, EqualLag, PTn, SOPDTZero
@@ -34,6 +34,26 @@ from ._coordinates import (
 )
 
 
+FEW_SAMPLES = 6
+"""Length of a second lag, in sampling intervals, from which on it has one optimum."""
+
+
+class OtherStart(NamedTuple):
+    """Coordinates, how much later the response begins, and whether to search from there at all."""
+
+    x: list[Array]
+    later: Scalar
+    worthwhile: Flag
+
+
+def half_interval(x: list[Array], lag: Scalar, interval: Scalar) -> OtherStart:
+    """For a second lag that can trade places with the dead time: `x` has it at half an interval.
+
+    The dead time makes up for what the `lag` was. Only a lag shorter than some samples does so.
+    """
+    return OtherStart(x, lag - interval / 2, lag < FEW_SAMPLES * interval)
+
+
 class AbstractFamily(eqx.Module):
     """How one family of plants is refined, around one of its models.
 
@@ -44,7 +64,7 @@ class AbstractFamily(eqx.Module):
     model: eqx.AbstractVar[Any]
 
     shape_name: ClassVar[str | None] = None
-    """The parameter that tells how far the lags lie apart, where there is one."""
+    """The parameter that another start changes; where it is fixed there is none."""
 
     @property
     @abc.abstractmethod
@@ -101,14 +121,12 @@ class AbstractFamily(eqx.Module):
         del name
         return jnp.abs(value)
 
-    def shortened(
-        self, x: list[Array], unit: Scalar, lag: Scalar
-    ) -> tuple[list[Array], Scalar] | None:
-        """Coordinates with the second lag, or the shortest of several, set to `lag`; what it was.
+    def other_start(self, x: list[Array], unit: Scalar, interval: Scalar) -> OtherStart | None:
+        """Where else to search from an optimum x; `interval` is that between samples.
 
-        None for families that have but one.
+        None for families whose loss has one optimum, but for kinks.
         """
-        del x, unit, lag
+        del x, unit, interval
         return None
 
     def with_order(self, n: Array) -> AbstractPlant | None:
@@ -171,10 +189,11 @@ class SpreadFamily(AbstractFamily):
         """Half of the range of r."""
         return 0.5 * self.model.width_of_r(self.model.n) if name == "r" else jnp.abs(value)
 
-    def shortened(self, x: list[Array], unit: Scalar, lag: Scalar) -> tuple[list[Array], Scalar]:
-        """The last lag as if the chain had two."""
+    def other_start(self, x: list[Array], unit: Scalar, interval: Scalar) -> OtherStart:
+        """The last lag, as if the chain had two, for dead time."""
         total = unit * jnp.exp(x[0])
-        return [x[0], encode_ratio(lag / total)], decode_ratio(x[1]) * total
+        short = [x[0], encode_ratio(interval / 2 / total)]
+        return half_interval(short, decode_ratio(x[1]) * total, interval)
 
     def with_order(self, n: Array) -> AbstractPlant:
         """The same sum of lags and ratio."""
@@ -260,19 +279,20 @@ class SecondOrderFamily(AbstractFamily):
         """zeta and omega_n."""
         return decode_second_order(x, unit)
 
-    def shortened(self, x: list[Array], unit: Scalar, lag: Scalar) -> tuple[list[Array], Scalar]:
+    def other_start(self, x: list[Array], unit: Scalar, interval: Scalar) -> OtherStart:
         """Lags of ratio s have 1/zeta^2 = 4 s/(1 + s)^2; all that oscillates counts as s = 1."""
         total = unit * jnp.exp(x[1])
         square = jnp.minimum(jnp.expm1(x[0]), 1)
-        before = square / (1 + jnp.sqrt(1 - square)) ** 2 * total
-        s = lag / total
-        return [jnp.log1p(4 * s / (1 + s) ** 2), x[1]], before
+        lag = square / (1 + jnp.sqrt(1 - square)) ** 2 * total
+        s = interval / 2 / total
+        return half_interval([jnp.log1p(4 * s / (1 + s) ** 2), x[1]], lag, interval)
 
 
 class ZeroFamily(AbstractFamily):
     """Two poles and a zero: damping and period as without it, and lead over that period."""
 
     model: SOPDTZero
+    shape_name: ClassVar[str | None] = "lead"
     names: ClassVar[Any] = ("zeta", "omega_n", "lead")
     bounds: ClassVar[Any] = (LOG_DAMPING, LOG_TIME, LEAD)
     scaling: ClassVar[Any] = (False, True, False)
@@ -290,6 +310,14 @@ class ZeroFamily(AbstractFamily):
     def vague_beyond(self, name: str, value: Array) -> Any:
         """A lead may be 0: no zero is knowledge too."""
         return jnp.inf if name == "lead" else jnp.abs(value)
+
+    def other_start(self, x: list[Array], unit: Scalar, interval: Scalar) -> OtherStart:
+        """The lead with the other sign: 1 + s lead and the dead time can trade places.
+
+        1 - s lead with a dead time later by twice the lead has the same mean delay.
+        """
+        lead = x[2] * unit * jnp.exp(x[1])
+        return OtherStart([x[0], x[1], -x[2]], -2 * lead, jnp.array(True))
 
 
 class IntegratingFamily(AbstractFamily):
@@ -313,9 +341,9 @@ class IntegratingFamily(AbstractFamily):
         """A lag may be 0."""
         return jnp.inf if name == "T" else jnp.abs(value)
 
-    def shortened(self, x: list[Array], unit: Scalar, lag: Scalar) -> tuple[list[Array], Scalar]:
-        """The lag."""
-        return [jnp.reshape(lag / unit, ())], x[0] * unit
+    def other_start(self, x: list[Array], unit: Scalar, interval: Scalar) -> OtherStart:
+        """The lag for dead time."""
+        return half_interval([interval / 2 / unit], x[0] * unit, interval)
 
 
 class IndividualFamily(AbstractFamily):
@@ -366,13 +394,12 @@ class IndividualFamily(AbstractFamily):
         row = jnp.stack(list(x))
         return {"lags": row * self.sum_at_start.astype(row.dtype)}
 
-    def shortened(
-        self, x: list[Array], unit: Scalar, lag: Scalar
-    ) -> tuple[list[Array], Scalar] | None:
+    def other_start(self, x: list[Array], unit: Scalar, interval: Scalar) -> OtherStart | None:
         """The shortest lag that is one."""
         if len(x) == 1:
             return None
         row = jnp.stack(x)
         place = jnp.argmin(jnp.where(self.absent, jnp.inf, row))
         total = self.sum_at_start.astype(row.dtype)
-        return list(row.at[place].set(lag / total)), row[place] * total
+        short = list(row.at[place].set(interval / 2 / total))
+        return half_interval(short, row[place] * total, interval)

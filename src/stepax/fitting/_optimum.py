@@ -35,30 +35,34 @@ def optimum(problem: Problem, start: Array, solver, max_steps: int) -> Optimum:
 
     The cost of a first-order plant has a kink and often a minimum wherever the dead time meets a
     sample; between samples it is smooth. So each of the intervals around a first estimate is
-    searched on its own. That of nearly first-order plants may have two minima: it is searched from
-    a second start too. The best is kept.
+    searched on its own. Where a loss may have two minima, as that of nearly first-order plants, it
+    is searched from a second start too. The best is kept.
     """
     if start.size == 0:
         return Optimum(start, jnp.array(True), jnp.array(0))
-    lower, upper = problem.bounds()
     ours = isinstance(solver, BoundedLevenbergMarquardt)
-    if ours and problem.kinked:
-        found = _between_samples(problem, start, solver, max_steps)
-    elif ours and problem.second_start(start) is not None:
-        found = _from_two_starts(problem, start, solver, max_steps)
+    search = _between_samples if ours and problem.kinked else _anywhere
+    if ours and problem.second_start(start) is not None:
+        found, _ = _from_two_starts(search, problem, start, solver, max_steps)
     else:
-        found = _solve(problem, start, lower, upper, solver, max_steps)[0]
+        found, _ = search(problem, start, solver, max_steps)
     return found._replace(x=in_order(problem, found.x))
 
 
-def _from_two_starts(problem: Problem, start: Array, solver, max_steps: int) -> Optimum:
-    """The better of the optima from `start` and from the second start that the first suggests."""
-    lower, upper = problem.bounds()
+def _anywhere(problem: Problem, start: Array, solver, max_steps: int) -> tuple[Optimum, Array]:
+    """The optimum from a start, and its cost."""
+    return _solve(problem, start, *problem.bounds(), solver, max_steps)
 
-    def search(best, second):
+
+def _from_two_starts(
+    search, problem: Problem, start: Array, solver, max_steps: int
+) -> tuple[Optimum, Array]:
+    """The better of the optima from `start` and from the second start that the first suggests."""
+
+    def better(best, second):
         best, least = best
         begin = jnp.where(second, jnp.asarray(problem.second_start(best.x)), best.x)
-        found, cost = _solve(problem, begin, lower, upper, solver, max_steps)
+        found, cost = search(problem, begin, solver, max_steps)
         steps = best.steps + found.steps
         found, cost = jax.tree.map(
             lambda new, old: jnp.where(cost <= least, new, old), (found, cost), (best, least)
@@ -66,10 +70,12 @@ def _from_two_starts(problem: Problem, start: Array, solver, max_steps: int) -> 
         return (found._replace(steps=steps), cost), None
 
     nothing = Optimum(start, jnp.array(False), jnp.array(0)), jnp.array(jnp.inf, start.dtype)
-    return jax.lax.scan(search, nothing, jnp.array([False, True]))[0][0]
+    return jax.lax.scan(better, nothing, jnp.array([False, True]))[0]
 
 
-def _between_samples(problem: Problem, start: Array, solver, max_steps: int) -> Optimum:
+def _between_samples(
+    problem: Problem, start: Array, solver, max_steps: int
+) -> tuple[Optimum, Array]:
     """The best of the optima in the intervals between samples around a first estimate."""
     lower, upper = problem.bounds()
     place = problem.delay_place
@@ -86,7 +92,7 @@ def _between_samples(problem: Problem, start: Array, solver, max_steps: int) -> 
     first = Optimum(start, jnp.array(False), jnp.array(0))
     first, (found, cost) = jax.lax.scan(search, first, jnp.arange(-1, CELLS))
     best = jax.tree.map(lambda x: x[jnp.argmin(cost)], found)
-    return best._replace(steps=first.steps + best.steps)
+    return best._replace(steps=first.steps + best.steps), jnp.min(cost)
 
 
 def _solve(problem, start, lower, upper, solver, max_steps) -> tuple[Optimum, Array]:

@@ -18,9 +18,6 @@ from ._levels import Levels
 LONGEST_DELAY = 0.95
 """Largest dead time, relative to the length of the record: some rows must tell the response."""
 
-FEW_SAMPLES = 6
-"""Length of a second lag, in sampling intervals, from which on it has one optimum."""
-
 
 class Problem(eqx.Module):
     r"""Residuals of a record as a function of a few coordinates.
@@ -136,23 +133,19 @@ class Problem(eqx.Module):
     def second_start(self, x: Coordinates) -> Coordinates | None:
         """Another place to start from where the optimum at x may not be the only one.
 
-        With the dead time free, a second lag shorter than some samples can trade places with it:
-        there the lag is half a sampling interval, and the dead time makes up for it. Elsewhere x
-        itself; None for models that have no such lag.
+        Elsewhere x itself; None for models that have no other. It needs the dead time to be free.
         """
         duration, family = self.record.duration, self.family
         interval = duration / jnp.sum(self.record.after_step)
         if not self.free_delay or family.shape_name is None or family.shape_name in self.fixed:
             return None
-        shortened = family.shortened(self._full(x), duration, interval / 2)
-        if shortened is None:
+        other = family.other_start(self._full(x), duration, interval)
+        if other is None:
             return None
-        full, before = shortened
-        delay = x[self.delay_place] + (before - interval / 2) / duration
-        other = jnp.append(jnp.stack(full)[np.flatnonzero(self.own_free)], delay)
-        other = jnp.append(other, jnp.asarray(x)[self.delay_place + 1 :])
-        short = before < FEW_SAMPLES * interval
-        return jnp.where(short, jnp.clip(other, *self.bounds()), jnp.asarray(x))
+        own = jnp.stack(other.x)[np.flatnonzero(self.own_free)]
+        delay = x[self.delay_place] + other.later / duration
+        start = jnp.append(jnp.append(own, delay), jnp.asarray(x)[self.delay_place + 1 :])
+        return jnp.where(other.worthwhile, jnp.clip(start, *self.bounds()), jnp.asarray(x))
 
     def _full(self, x: Coordinates) -> list[Array]:
         """All own coordinates, of which those at x are free."""

@@ -5,10 +5,18 @@ from collections.abc import Callable
 from .._result import Identification
 from ..curves._times import LEVELS
 from ..models._abstract import AbstractPlant
-from ..models._plants import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani
+from ..models._plants import FOPDT, IPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani, SOPDTZero
 from ._areas import area_fopdt, moments_fopdt, moments_ptn, moments_sopdt
 from ._charts import HARRIOTT_LEVELS, SMITH_LEVELS, STREJC, harriott, smith
-from ._fits import fopdt_fit, hudzovic_fit, ptn_fit, sani_fit, sopdt_fit
+from ._fits import (
+    fopdt_fit,
+    hudzovic_fit,
+    ipdt_fit,
+    ptn_fit,
+    sani_fit,
+    sopdt_fit,
+    sopdt_zero_fit,
+)
 from ._lookup import (
     hudzovic_t10_t50_t90,
     hudzovic_tu_tg,
@@ -91,6 +99,8 @@ _ROWS: dict[Callable[..., Identification], Method] = {
     ptn_fit: Method(PTn, "nth", order_found=True),
     fopdt_fit: Method(FOPDT, "first"),
     sopdt_fit: Method(SOPDT, "second"),
+    sopdt_zero_fit: Method(SOPDTZero, "second"),
+    ipdt_fit: Method(IPDT, "second"),
 }
 
 METHODS: dict[str, Callable[..., Identification]] = {

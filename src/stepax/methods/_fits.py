@@ -8,31 +8,30 @@ import functools
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, TypedDict, Unpack
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array
-from scipy import special
 
-from .._arrays import Samples, Scalar
+from .._arrays import Samples
 from .._result import Identification
 from ..fitting._fitted import Fitted, best_order, fit
 from ..fitting._refine import check_options, concluded
 from ..models._abstract import AbstractPlant
-from ..models._plants import FOPDT, SOPDT, Hudzovic, PTn, Sani
-from ..models._spread import DEFAULT_ORDERS, chain_with_spread, check_orders
-from ..records._characterise import levels
-from ..records._preprocess import sliding_average
-from ..records._record import StepRecord, usable_record
+from ..models._plants import Hudzovic, PTn, Sani
+from ..models._spread import DEFAULT_ORDERS, check_orders
+from ..records._record import StepRecord
+from ._starts import (
+    chain_start,
+    first_order_start,
+    integrating_start,
+    second_order_start,
+    zero_start,
+)
 
 
 INDIVIDUAL_ORDERS = range(2, 6)
 """Numbers of lags that `ptn_fit` tries."""
-
-START_LEVELS = (0.283, 0.632)
-"""The two levels of Smith (1972): 1/3 and 1 time constant of a first-order plant."""
 
 
 class FitOptions(TypedDict, total=False):
@@ -65,10 +64,7 @@ def fopdt_fit(record: StepRecord, **options: Unpack[FitOptions]) -> Identificati
 
 def search_fopdt(record: StepRecord, **options: Any) -> Fitted:
     """`fopdt_fit` without its conclusion."""
-    early, late = _start_times(record)
-    T = 1.5 * (late - early)
-    delay = _delay(late - T, options.get("fixed", ()))
-    return _checked_fit(record, FOPDT(T=T, delay=delay), options)
+    return _checked_fit(record, first_order_start(record, options.get("fixed", ())), options)
 
 
 def sopdt_fit(record: StepRecord, **options: Unpack[FitOptions]) -> Identification:
@@ -83,17 +79,7 @@ def sopdt_fit(record: StepRecord, **options: Unpack[FitOptions]) -> Identificati
 
 def search_sopdt(record: StepRecord, **options: Any) -> Fitted:
     """`sopdt_fit` without its conclusion."""
-    _, safe = usable_record(record)
-    early, late = _start_times(record)
-    initial, final = levels(safe)
-    y = (_averaged(safe) - initial) / jnp.where(final == initial, 1, final - initial)
-    overshoot = jnp.clip(jnp.max(y) - 1, 1e-4, 0.95)
-    log = jnp.log(overshoot)
-    zeta = jnp.clip(-log / jnp.sqrt(np.pi**2 + log**2), 0.1, 1.0)
-    # At zeta = 1 the two levels lie 0.98/omega_n apart, at zeta = 0.1 about 0.5/omega_n.
-    omega_n = (0.45 + 0.55 * zeta) / (late - early)
-    delay = _delay(late - (1.2 + zeta) / omega_n, options.get("fixed", ()))
-    return _checked_fit(record, SOPDT(zeta=zeta, omega_n=omega_n, delay=delay), options)
+    return _checked_fit(record, second_order_start(record, options.get("fixed", ())), options)
 
 
 def hudzovic_fit(record: StepRecord, **options: Unpack[OrderOptions]) -> Identification:
@@ -109,7 +95,7 @@ def hudzovic_fit(record: StepRecord, **options: Unpack[OrderOptions]) -> Identif
 
 def search_hudzovic(record: StepRecord, **options: Any) -> Fitted:
     """`hudzovic_fit` without its conclusion."""
-    return _chain_fit(functools.partial(_chain_start, Hudzovic), record, options)
+    return _chain_fit(functools.partial(chain_start, Hudzovic), record, options)
 
 
 def sani_fit(record: StepRecord, **options: Unpack[OrderOptions]) -> Identification:
@@ -122,7 +108,7 @@ def sani_fit(record: StepRecord, **options: Unpack[OrderOptions]) -> Identificat
 
 def search_sani(record: StepRecord, **options: Any) -> Fitted:
     """`sani_fit` without its conclusion."""
-    return _chain_fit(functools.partial(_chain_start, Sani), record, options)
+    return _chain_fit(functools.partial(chain_start, Sani), record, options)
 
 
 def ptn_fit(record: StepRecord, **options: Unpack[OrderOptions]) -> Identification:
@@ -143,10 +129,44 @@ def search_ptn(record: StepRecord, **options: Any) -> Fitted:
 
     def start(record, n, fixed):
         size = max(orders) if order == "auto" else int(order)
-        chain = _chain_start(Sani, record, n, fixed)
+        chain = chain_start(Sani, record, n, fixed)
         return PTn(lags=chain.lags[:size], delay=chain.delay)
 
     return _chain_fit(start, record, {"orders": orders} | options)
+
+
+def sopdt_zero_fit(record: StepRecord, **options: Unpack[FitOptions]) -> Identification:
+    r"""Second order with one zero by least squares: K, zeta, omega_n, lead, L and the offset.
+
+    For an inverse response (lead < 0) or an overshoot that does not come back as oscillation (lead
+    above the larger lag). Where there is no such thing a zero is hardly told from a pole or the
+    dead time: see the standard errors, and what `sopdt_fit` gives. Starts from the best of a grid
+    of shapes, whose gain, offset and lead are a linear regression. `fixed` and further options as
+    in `refine`. **Status** as in `refine`.
+    """
+    return _concluded(search_sopdt_zero, record, options)
+
+
+def search_sopdt_zero(record: StepRecord, **options: Any) -> Fitted:
+    """`sopdt_zero_fit` without its conclusion."""
+    return _checked_fit(record, zero_start(record, options.get("fixed", ())), options)
+
+
+def ipdt_fit(record: StepRecord, **options: Unpack[FitOptions]) -> Identification:
+    r"""Integrating with one lag plus dead time by least squares: K, T, L and the offset.
+
+    For a record that ends as a ramp; K is the slope of the output per unit of input. A known final
+    level of the record says nothing of such a plant and is not used. Starts from the line through
+    the last half of the record, of whose delay T takes half. Of a record whose ramp is all there is
+    T + L is well determined, T alone by how the ramp begins. `fixed` and further options as in
+    `refine`. **Status** as in `refine`; a record that has settled is fitted badly, not refused.
+    """
+    return _concluded(search_ipdt, record, options)
+
+
+def search_ipdt(record: StepRecord, **options: Any) -> Fitted:
+    """`ipdt_fit` without its conclusion."""
+    return _checked_fit(record, integrating_start(record, options.get("fixed", ())), options)
 
 
 AUTO = {
@@ -156,6 +176,9 @@ AUTO = {
     "sani_fit": search_sani,
 }
 """Families that `identify(method="auto")` compares, simplest first."""
+
+WITH_REASON = {"sopdt_zero_fit": search_sopdt_zero, "ipdt_fit": search_ipdt}
+"""Families that it tries only where the record gives a reason."""
 
 
 def _concluded(search: Callable[..., Fitted], record: StepRecord, options) -> Identification:
@@ -183,43 +206,3 @@ def _chain_fit(start: Callable[..., AbstractPlant], record: StepRecord, options)
     if isinstance(order, int | np.integer) and not isinstance(order, bool):
         return fit_order(jnp.asarray(check_orders([int(order)])[0]))
     raise ValueError(f"order must be a whole number from 2 to 8 or 'auto', got {order!r}.")
-
-
-def _chain_start(model, record, n: Array, fixed) -> Any:
-    """Chain of medium spread through the two start levels, with a dead time if that leaves one.
-
-    Its level times are those of equal lags of an order 0.6 n, at which a chain of that spread
-    rises about as steeply.
-    """
-    early, late = _start_times(record)
-    orders = np.arange(9)
-    effective = np.maximum(1.0, 0.6 * orders)
-    times = jnp.asarray(
-        [special.gammaincinv(effective, q) / effective for q in START_LEVELS], early.dtype
-    )[:, n]
-    residence = (late - early) / (times[1] - times[0])
-    delay = _delay(late - residence * times[1], fixed)
-    residence = (late - delay) / times[1]
-    chain = chain_with_spread(model, jnp.log(jnp.asarray(0.6, early.dtype)), n)
-    return eqx.tree_at(lambda m: (m.T, m.delay), chain, (chain.T * residence, delay))
-
-
-def _delay(estimate: Scalar, fixed: Sequence[str]) -> Scalar:
-    return jnp.zeros_like(estimate) if "delay" in fixed else jnp.maximum(estimate, 0)
-
-
-def _averaged(record: StepRecord) -> Array:
-    return sliding_average(record.y, max(1, record.y.size // 25))
-
-
-def _start_times(record: StepRecord) -> tuple[Scalar, Scalar]:
-    """Times of the first samples at the two start levels, in the averaged record."""
-    _, safe = usable_record(record)
-    initial, final = levels(safe)
-    y = (_averaged(safe) - initial) * jnp.sign(final - initial)
-    t = safe.t - safe.step_time
-    early, late = (
-        t[jnp.argmax((y >= q * jnp.abs(final - initial)) & (t > 0))] for q in START_LEVELS
-    )
-    early = jnp.maximum(early, 1e-3 * t[-1])
-    return jax.lax.stop_gradient((early, jnp.maximum(late, 1.05 * early)))

@@ -6,8 +6,10 @@ a plant is asked of the plant, never decided by its class elsewhere.
 """
 
 import abc
+import dataclasses
+import math
 import operator
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -95,8 +97,15 @@ SETTLED = 0.95
 """Share of the change that a record must show for its gain not to count as extrapolated."""
 
 
-COMMON = {"gain": "output/input", "offset": "output", "delay": "time"}
-"""Parameters that every plant has, and their dimensions."""
+COMMON = ("gain", "offset", "delay")
+"""Parameters that every plant has; they come after its own."""
+
+# Dimension of a parameter, as metadata of its field; without it none, as of a damping.
+TIME = {"dimension": "time"}
+RATE = {"dimension": "per time"}
+OUTPUT = {"dimension": "output"}
+GAIN = {"dimension": "output/input"}
+SLOPE = {"dimension": "output/(input time)"}
 
 
 class AbstractPlant(eqx.Module):
@@ -108,15 +117,19 @@ class AbstractPlant(eqx.Module):
     the offset out.
     """
 
-    dimensions: eqx.AbstractClassVar[dict[str, str]]
-    """Of the family's own parameters: "time", "per time" or "1" each, the order n left out."""
+    gain: Float[Array, "..."] = eqx.field(
+        converter=as_real, default=1.0, kw_only=True, metadata=GAIN
+    )
+    offset: Float[Array, "..."] = eqx.field(
+        converter=as_real, default=0.0, kw_only=True, metadata=OUTPUT
+    )
+    delay: Float[Array, "..."] = eqx.field(
+        converter=as_real, default=0.0, kw_only=True, metadata=TIME
+    )
 
-    settles: ClassVar[bool] = True
+    # Facts of a class are not annotated: an annotation would make them fields.
+    settles = True
     """Whether the response to a step comes to rest."""
-
-    gain: Float[Array, "..."] = eqx.field(converter=as_real, default=1.0, kw_only=True)
-    offset: Float[Array, "..."] = eqx.field(converter=as_real, default=0.0, kw_only=True)
-    delay: Float[Array, "..."] = eqx.field(converter=as_real, default=0.0, kw_only=True)
 
     @abc.abstractmethod
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
@@ -155,7 +168,7 @@ class AbstractPlant(eqx.Module):
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the real parameters: its own first, then gain, offset and delay."""
-        own = [name for name in self.__dataclass_fields__ if name not in COMMON]
+        own = [field.name for field in dataclasses.fields(self) if field.name not in COMMON]
         real = [name for name in own if eqx.is_inexact_array(getattr(self, name))]
         return (*real, *COMMON)
 
@@ -171,7 +184,7 @@ class AbstractPlant(eqx.Module):
 
     def dimension(self, name: str) -> str:
         """Dimension of a parameter, in terms of "time", "input" and "output"; "1" for none."""
-        return (COMMON | self.dimensions).get(name, "1")
+        return self.__dataclass_fields__[name].metadata.get("dimension", "1")
 
     def _elapsed(self, t: ArrayLike) -> Array:
         """Time since the response begins."""
@@ -273,18 +286,14 @@ class AbstractSpreadChain(AbstractChain):
     How far the lags lie apart is told by a `ratio` s of rates, from 0 (one lag) to 1 (equal lags).
     """
 
-    r_at_equal_lags: eqx.AbstractClassVar[float]
-    """The end of the range of r where all lags are equal."""
+    # Facts of a class, not annotated: the end of the range of r where all lags are equal; whether
+    # the other end, one lag, is a value of r and not only a limit; whether Sani's interpolation
+    # formulae (Murray 2016, eqs. 2.17-2.19) are for this family.
+    r_at_equal_lags = math.nan
+    reaches_first_order = False
+    has_formulae = False
 
-    reaches_first_order: eqx.AbstractClassVar[bool]
-    """Whether the other end, one lag, is a value of r and not only a limit."""
-
-    has_formulae: eqx.AbstractClassVar[bool]
-    """Whether Sani's interpolation formulae (Murray 2016, eqs. 2.17-2.19) are for this family."""
-
-    dimensions: ClassVar[dict[str, str]] = {"T": "time", "r": "1"}
-
-    T: Float[Array, "..."] = eqx.field(converter=as_real)
+    T: Float[Array, "..."] = eqx.field(converter=as_real, metadata=TIME)
     r: Float[Array, "..."] = eqx.field(converter=as_real)
     n: int | Int[Array, "..."] = eqx.field(converter=as_order)
 

@@ -1,6 +1,6 @@
 """The plants: families of process models with dead time, one class each."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,7 +11,10 @@ from jaxtyping import Array, Complex, Float, Shaped
 
 from .._arrays import Flag, Lags, Scalar, as_real
 from ._abstract import (
+    RATE,
     SETTLED,
+    SLOPE,
+    TIME,
     AbstractChain,
     AbstractPlant,
     AbstractSpreadChain,
@@ -42,9 +45,9 @@ class Hudzovic(AbstractSpreadChain):
     r has no effect for n = 1. r = 0 is equal lags.
     """
 
-    r_at_equal_lags: ClassVar[float] = 0.0
-    reaches_first_order: ClassVar[bool] = False  # r = 1/(n-1) is outside its range
-    has_formulae: ClassVar[bool] = False
+    r_at_equal_lags = 0.0
+    reaches_first_order = False  # r = 1/(n-1) is outside its range
+    has_formulae = False
 
     @property
     def ratio(self) -> Scalar:
@@ -97,9 +100,9 @@ class Sani(AbstractSpreadChain):
     gives NaN.
     """
 
-    r_at_equal_lags: ClassVar[float] = 1.0
-    reaches_first_order: ClassVar[bool] = True
-    has_formulae: ClassVar[bool] = True
+    r_at_equal_lags = 1.0
+    reaches_first_order = True
+    has_formulae = True
 
     @property
     def ratio(self) -> Scalar:
@@ -148,9 +151,7 @@ class EqualLag(AbstractChain):
     8. A fractional n has no `.lags`, `.poles` or exports (`ValueError`).
     """
 
-    dimensions: ClassVar[dict[str, str]] = {"T": "time", "n": "1"}
-
-    T: Float[Array, "..."] = eqx.field(converter=as_real)
+    T: Float[Array, "..."] = eqx.field(converter=as_real, metadata=TIME)
     n: int | Shaped[Array, "..."] = eqx.field(converter=as_real_order)
 
     @property
@@ -202,9 +203,7 @@ class PTn(AbstractChain):
     0 is no lag; a negative one gives NaN.
     """
 
-    dimensions: ClassVar[dict[str, str]] = {"lags": "time"}
-
-    lags: Float[Array, "..."] = eqx.field(converter=as_real)  # pyright: ignore[reportIncompatibleMethodOverride, reportAssignmentType]
+    lags: Float[Array, "..."] = eqx.field(converter=as_real, metadata=TIME)  # pyright: ignore[reportIncompatibleMethodOverride, reportAssignmentType]
 
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), by contour quadrature."""
@@ -217,9 +216,7 @@ class FOPDT(AbstractChain):
     Source: A. Maxim, R. De Keyser, eq. of the FOPDT model.
     """
 
-    dimensions: ClassVar[dict[str, str]] = {"T": "time"}
-
-    T: Float[Array, "..."] = eqx.field(converter=as_real)
+    T: Float[Array, "..."] = eqx.field(converter=as_real, metadata=TIME)
 
     @property
     def lags(self) -> Lags:
@@ -238,10 +235,8 @@ class SOPDT(AbstractPlant):
     natural frequency in radian per unit of time, > 0. Smooth through zeta = 1.
     """
 
-    dimensions: ClassVar[dict[str, str]] = {"zeta": "1", "omega_n": "per time"}
-
     zeta: Float[Array, "..."] = eqx.field(converter=as_real)
-    omega_n: Float[Array, "..."] = eqx.field(converter=as_real)
+    omega_n: Float[Array, "..."] = eqx.field(converter=as_real, metadata=RATE)
 
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), in closed form."""
@@ -294,11 +289,9 @@ class SOPDTZero(AbstractPlant):
     oscillation; 0 is `SOPDT`. The response has a corner where the dead time ends.
     """
 
-    dimensions: ClassVar[dict[str, str]] = {"zeta": "1", "omega_n": "per time", "lead": "time"}
-
     zeta: Float[Array, "..."] = eqx.field(converter=as_real)
-    omega_n: Float[Array, "..."] = eqx.field(converter=as_real)
-    lead: Float[Array, "..."] = eqx.field(converter=as_real)
+    omega_n: Float[Array, "..."] = eqx.field(converter=as_real, metadata=RATE)
+    lead: Float[Array, "..."] = eqx.field(converter=as_real, metadata=TIME)
 
     @property
     def _without_zero(self) -> SOPDT:
@@ -355,10 +348,12 @@ class IPDT(AbstractPlant):
     static gain is infinite, and so is the frequency response at 0.
     """
 
-    dimensions: ClassVar[dict[str, str]] = {"T": "time", "gain": "output/(input time)"}
-    settles: ClassVar[bool] = False
+    settles = False
 
-    T: Float[Array, "..."] = eqx.field(converter=as_real)
+    gain: Float[Array, "..."] = eqx.field(
+        converter=as_real, default=1.0, kw_only=True, metadata=SLOPE
+    )
+    T: Float[Array, "..."] = eqx.field(converter=as_real, metadata=TIME)
 
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), in closed form."""

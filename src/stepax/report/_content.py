@@ -3,6 +3,7 @@
 How it looks is the business of the other files of this wing.
 """
 
+import dataclasses
 import math
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
@@ -156,7 +157,7 @@ def lookup_content(rows: Iterable[tuple[str, Any]]) -> Table:
 
 def parameters(model: AbstractPlant) -> dict[str, Any]:
     """Parameters by name, its own first: numbers, `n` a whole one for a chain, lists of lags."""
-    own = [name for name in model.__dataclass_fields__ if name not in COMMON]
+    own = [field.name for field in dataclasses.fields(model) if field.name not in COMMON]
     return {name: np.asarray(getattr(model, name)).tolist() for name in [*own, *COMMON]}
 
 
