@@ -1,5 +1,6 @@
 """Records, batches and numbers that the tests of the point methods share."""
 
+import dataclasses
 import functools
 
 import jax
@@ -79,7 +80,7 @@ def transformed(system, length=10):
 
 def check_invariance(result, changes):
     """All but the last, whose dead time is not taken off: parameters in the units of the row."""
-    own = {name: getattr(result.model, name) for name in type(result.model).__dataclass_fields__}
+    own = {name: getattr(result.model, name) for name in fields(result.model)}
     for k, change in enumerate(changes[:-1]):
         assert result.status._value[k] == result.status._value[0]
         unit, d = change.get("unit", 1.0), change.get("delay", 0.0)
@@ -113,9 +114,14 @@ def run(name, rows, lanes=LANES, dtype=np.float64, **options):
     return jax.tree.map(np.asarray, compiled(name, **options)(*columns))
 
 
+def fields(model):
+    """Names of a model's parameters, its order among them."""
+    return [field.name for field in dataclasses.fields(model)]
+
+
 def lags_of(model, k):
     """Lags of lane k, the zeros left out."""
-    own = type(model).__dataclass_fields__
+    own = fields(model)
     if "lags" in own:
         return [float(x) for x in model.lags[k] if x > 0]
     return [float(model.T[k])] * (int(model.n[k]) if "n" in own else 1)
@@ -134,7 +140,7 @@ def squared_error(unit_response, system, delay=0.0):
 
 def parameters(model):
     """The real parameters of a batch of models, one row a lane."""
-    values = [jnp.asarray(getattr(model, name)) for name in type(model).__dataclass_fields__]
+    values = [jnp.asarray(getattr(model, name)) for name in fields(model)]
     return jnp.concatenate([x.reshape(*model.gain.shape, -1) for x in values], axis=-1)
 
 

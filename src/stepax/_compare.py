@@ -112,9 +112,9 @@ class Comparison:
         if kind == "response":
             count = min(options.get("count", MOST_DRAWN), len(rows))
             title = _title(self.record, group, f"best {count} of {len(rows)} models")
-            return plot_comparison(self.record, entries, **({"title": title} | options))
+            return plot_comparison(self.record, entries, **{"title": title, **options})
         title = _title(self.record, group, f"{len(rows)} models ranked by J")
-        return plot_ranking(self.record, entries, kind=kind, **({"title": title} | options))
+        return plot_ranking(self.record, entries, kind=kind, **{"title": title, **options})
 
 
 def compare(

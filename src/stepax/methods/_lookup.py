@@ -5,23 +5,20 @@ from collections.abc import Iterable
 from .._result import Identification
 from ..curves._lookup import lookup
 from ..curves._times import LEVELS
-from ..models._abstract import AbstractSpreadChain
 from ..models._plants import Hudzovic, Sani
 from ..models._spread import DEFAULT_ORDERS
 from ..records._record import StepRecord
 from ._reading import Delay, Reading, Span
 
 
-def _by_tangent(model: type[AbstractSpreadChain], record, span, delay, orders, tolerance):
+def _by_tangent(model: type[Hudzovic | Sani], record, span, delay, orders, tolerance):
     reading = Reading(record, span, delay)
     line = reading.tangent()
     found, status = lookup(model, Tu=line.Tu, Tg=line.Tg, orders=orders, tolerance=tolerance)
     return reading.conclude(found, status)
 
 
-def _by_levels(
-    model: type[AbstractSpreadChain], record, span, delay, orders, tolerance, formula=False
-):
+def _by_levels(model: type[Hudzovic | Sani], record, span, delay, orders, tolerance, formula=False):
     reading = Reading(record, span, delay)
     t10, t50, t90 = reading.times(LEVELS)
     found, status = lookup(

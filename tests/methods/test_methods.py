@@ -7,13 +7,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from points import quick_compilation as quick_compilation, system_row
+from tests.points import system_row
 
 from stepax import METHODS, StepRecord, identify
 from stepax.methods import MODELS, ROWS
 from stepax.methods._method import option_names
 
 
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 every = pytest.mark.parametrize("name", METHODS)
 
 
