@@ -132,7 +132,7 @@ def test_lanes_are_independent_and_what_is_not_finite_at_the_start_diverges():
 
 
 def test_two_decays_hard_to_tell_apart():
-    """Rates of 1 and 1.1, a condition number of some 1e4: as low as by QR factorisations."""
+    """Rates of 1 and 1.1, a condition number of 7e4: as low as by QR factorisations."""
     y = np.exp(-T) + np.exp(-1.1 * T) + NOISE / 1e3
 
     def residual(x, y):
