@@ -4,40 +4,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 import pytest
 from scipy.optimize import least_squares
+from tests.fits import COMPILED, START, STEP_SIZE, STEP_TIME, TRUE, T, simulated
 
 import stepax
 from stepax import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani, Status, StepRecord, refine, refused
 from stepax.fitting._problem import Problem
-
-
-T = np.linspace(0.0, 60.0, 200)
-STEP_TIME, STEP_SIZE = 4.0, 3.0
-TRUE = {
-    "FOPDT": FOPDT(T=8.0, gain=-2.0, offset=5.0, delay=3.3),
-    "SOPDT": SOPDT(zeta=0.4, omega_n=0.5, gain=2.0, offset=5.0, delay=2.2),
-    "Hudzovic": Hudzovic(T=3.0, r=0.2, n=4, gain=2.0, offset=5.0, delay=2.0),
-    "Sani": Sani(T=8.0, r=0.6, n=3, gain=2.0, offset=5.0, delay=2.0),
-    "EqualLag": EqualLag(T=4.0, n=2.5, gain=2.0, offset=5.0, delay=1.0),
-    "PTn": PTn(lags=[8.0, 2.0], gain=2.0, offset=5.0, delay=2.0),
-}
-START = {
-    "FOPDT": FOPDT(T=5.0, delay=4.5),
-    "SOPDT": SOPDT(zeta=0.8, omega_n=0.3, delay=1.0),
-    "Hudzovic": Hudzovic(T=5.0, r=0.1, n=4, delay=1.0),
-    "Sani": Sani(T=6.0, r=0.8, n=3, delay=1.0),
-    "EqualLag": EqualLag(T=6.0, n=2.0, delay=0.5),
-    "PTn": PTn(lags=[6.0, 3.0], delay=1.0),
-}
-COMPILED = eqx.filter_jit(refine)
-
-
-def simulated(plant, noise=0.0, seed=0, dtype=np.float64, **levels):
-    clean = np.asarray(stepax._result.predict(plant, StepRecord(T, T, STEP_TIME, STEP_SIZE), T))
-    y = clean + noise * np.random.default_rng(seed).standard_normal(T.size)
-    return StepRecord(T.astype(dtype), y.astype(dtype), STEP_TIME, STEP_SIZE, **levels)
 
 
 def values(model, names):
@@ -120,40 +93,6 @@ def test_equal_lags_are_an_optimum_on_the_bound():
     assert bool(result.status == Status.at_equal_lags)
     assert np.isnan(result.std["r"]) and np.isfinite(result.std["gain"])
     assert int(result.details["steps"]) < 30
-
-
-def test_other_solvers_serve():
-    record = simulated(TRUE["FOPDT"], noise=0.05)
-    ours = COMPILED(record, START["FOPDT"])
-    other = refine(
-        record, START["FOPDT"], solver=optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9), max_steps=256
-    )
-    np.testing.assert_allclose(other.rmse, ours.rmse, rtol=1e-6)
-
-
-def test_normal_equations_serve_where_parameters_are_hard_to_tell():
-    """Nearly equal lags and hardly a dead time: no worse than QR factorisations of the Jacobian."""
-    plant = PTn(lags=[5.0, 4.9], gain=2.0, offset=5.0, delay=0.05)
-    start = PTn(lags=[8.0, 3.0], delay=0.5)
-    record = simulated(plant, noise=0.02)
-    ours = COMPILED(record, start)
-    qr = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9)
-    other = refine(record, start, solver=qr, max_steps=256, errors=False)
-    cost = [float(jnp.sum((record.y - x.predict(record.t)) ** 2)) for x in (ours, other)]
-    assert not bool(refused(ours.status)) and not bool(refused(other.status))
-    assert cost[0] <= cost[1] * (1 + 1e-6)
-
-
-def test_a_long_last_step_is_not_taken_unseen():
-    """It promises 1e-10 of the cost, and would lead to a cost 1e8 times as high."""
-    found = optx.least_squares(
-        lambda x, _: jnp.stack([jnp.ones_like(x[0]), 1e-5 + 1e-7 * x[0] + x[0] ** 2]),
-        stepax.BoundedLevenbergMarquardt(rtol=1e-8),
-        (jnp.array(0.0, float),),
-        options={"lower": jnp.array([-200.0]), "upper": jnp.array([200.0])},
-        throw=False,
-    )
-    assert abs(float(found.value[0])) < 1e-2
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -326,20 +265,6 @@ def test_wrong_options_are_refused(model, options, word):
         refine(simulated(TRUE["FOPDT"]), model, **options)
 
 
-def test_what_a_record_does_not_tell():
-    """A gain from a record far too short, a damping far above 2: a verdict, with the names."""
-    slow = FOPDT(T=2000.0, gain=20.0)
-    result = COMPILED(simulated(slow, noise=0.05), FOPDT(T=500.0, gain=5.0))
-    assert bool(result.status == Status.not_identifiable)
-    told = dict(zip(result.free, np.asarray(result.details["identifiable"]), strict=True))
-    assert not told["gain"] and told["offset"]
-
-    creeping = SOPDT(zeta=4.0, omega_n=0.8, gain=2.0, offset=5.0)
-    result = COMPILED(simulated(creeping, noise=0.1), START["SOPDT"])
-    told = dict(zip(result.free, np.asarray(result.details["identifiable"]), strict=True))
-    assert not told["zeta"] and told["gain"]
-
-
 @pytest.mark.parametrize("noise", [0.02, 0.2])
 def test_a_dead_time_is_not_stalled_by_a_sample(noise):
     """No cost below ours on a fine grid of dead times, each with its best time constant."""
@@ -409,37 +334,3 @@ def test_a_bad_lane_leaves_its_neighbours_alone():
 def test_wrong_names_are_refused(fixed, error):
     with pytest.raises(error, match="gain"):
         refine(simulated(TRUE["FOPDT"]), START["FOPDT"], fixed=fixed)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("phi", [0.0, 0.8])
-@pytest.mark.parametrize("family", TRUE)
-def test_intervals_cover_the_truth(family, phi):
-    """95 % intervals of 2 000 records; those not interior and identifiable are counted apart."""
-    plant = TRUE[family]
-    clean = jnp.asarray(simulated(plant).y)
-
-    def noise(key):
-        white = jax.random.normal(key, T.shape) * jnp.sqrt(1 - phi**2)
-        white = white.at[0].divide(jnp.sqrt(1 - phi**2))
-        return jax.lax.scan(lambda e, w: (phi * e + w,) * 2, jnp.zeros(()), white)[1]
-
-    def covered(key):
-        record = StepRecord(T, clean + 0.02 * noise(key), STEP_TIME, STEP_SIZE)
-        result = refine(record, START[family])
-        inside = {
-            name: jnp.abs(getattr(result.model, name) - getattr(plant, name)) <= 1.96 * std
-            for name, std in result.std.items()
-        }
-        return inside, result.status == Status.successful
-
-    inside, usual = jax.jit(lambda keys: jax.lax.map(covered, keys, batch_size=50))(
-        jax.random.split(jax.random.key(7), 2000)
-    )
-    print(f"\n{family}, phi = {phi}: {100 * float(np.mean(usual)):.1f} % interior:", end=" ")
-    assert np.mean(usual) > 0.9
-    shares = {name: np.mean(np.asarray(hits)[usual], axis=0) for name, hits in inside.items()}
-    print(", ".join(f"{name} {np.round(100 * share, 1)} %" for name, share in shares.items()))
-    for name, share in shares.items():
-        low, high = (0.93, 0.97) if phi == 0 else (0.88, 1)
-        assert np.all((share >= low) & (share <= high)), name
