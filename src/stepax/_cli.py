@@ -10,7 +10,7 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -107,7 +107,7 @@ def _sentence(error: Exception) -> str:
 
 def _command(function: Callable) -> Callable:
     """A command: JAX set up, and what goes wrong in one paragraph, with exit code 2."""
-    from .models._contour import quick_compilation
+    from ._compilation import quick_compilation
 
     @app.command()
     @functools.wraps(function)
@@ -213,21 +213,6 @@ def _heading(record: "StepRecord", example: str | None) -> str:
     return f"{record_line(record)}\n{SIMULATED}" if example else record_line(record)
 
 
-def _compile_side_by_side(record: "StepRecord", names: Iterable[str], **options: Any) -> None:
-    """Run methods once in threads of their own: compiling, most of a cold start, uses all cores."""
-    from concurrent.futures import ThreadPoolExecutor
-
-    from ._identify import identify
-    from .models._contour import quick_compilation
-
-    def run_once(name: str) -> None:
-        with quick_compilation():  # a thread does not inherit it
-            identify(record, name, **options)
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(run_once, names))
-
-
 # Commands
 
 
@@ -244,7 +229,7 @@ def identify(
     example: Example = None,
 ) -> None:
     """Identify a transfer function from a recorded step response."""
-    from ._identify import AUTO, chosen_method, identify as identify_record
+    from ._identify import chosen_method, identify as identify_record
     from ._status import Status, refused
     from .report._content import to_json
     from .report._terminal import report
@@ -253,8 +238,6 @@ def identify(
     outputs.check(file)
     record = _read(file, example, time=time, output=output, input=input, step=step)
     with waiting(f"Identifying {record.labels.source} ..."):
-        if method == "auto":
-            _compile_side_by_side(record, AUTO, errors=False)
         result = identify_record(record, method)
         if bool(refused(result.status)):
             raise ValueError(f"{record.labels.source}: {Status[result.status]}")
@@ -279,7 +262,6 @@ def compare(
 ) -> None:
     """Identify by all methods and rank the models."""
     from ._compare import check_group, check_kind, compare as compare_methods
-    from .methods import METHODS
     from .report._content import to_json, warning_sentences
     from .report._terminal import comparison_report
 
@@ -289,7 +271,6 @@ def compare(
     outputs.check(file)
     record = _read(file, example, time=time, output=output, input=input, step=step)
     with waiting(f"Comparing methods on {record.labels.source} ..."):
-        _compile_side_by_side(record, METHODS)
         comparison = compare_methods(record)
         kept = comparison.models(group)
         if not comparison.models():

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -10,13 +11,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from ._compilation import side_by_side
 from ._result import Identification
 from ._status import refused
 from .fitting._fitted import Fitted, aicc
 from .fitting._refine import concluded
 from .methods import METHODS
-from .methods._fits import AUTO
+from .methods._fits import AUTO, WITH_REASON, FitOptions
+from .methods._method import prepared
 from .records._record import StepRecord
+from .records._signs import signs
 
 
 def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identification:
@@ -26,9 +30,13 @@ def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identi
 
     - `record`: a `StepRecord`, from arrays or from `read_record`.
     - `method`: a name in `METHODS`, or "auto": all families of `AUTO` are fitted by least squares,
-        chains in every order from 2 to 8, and the one with the smallest AICc is kept; `.details`
-        holds `aicc_<method>` of each and `chosen`, the position in `AUTO`.
-    - `options`: passed to the method; see its docstring.
+        chains in every order from 2 to 8, and the one with the smallest AICc is kept. A second
+        order with a zero is tried too where the output first moves the wrong way or overshoots
+        without oscillation, an integrator where it ends as a ramp; the former is kept if its AICc
+        is better by more than 10, the latter also if it is as good as that of a model whose gain
+        would be extrapolated to more than twice what was seen. `.details` holds `aicc_<method>` of
+        each that was tried, the signs in the record, and `chosen` (`chosen_method`).
+    - `options`: passed to the method; see its docstring. "auto" takes those of `refine`.
 
     **Returns:** `Identification`. What is wrong with the values of the record is in its `.status`.
     A named method is clean under `jit`, `vmap` and `grad`; "auto" chooses between classes on the
@@ -65,18 +73,60 @@ def refuse_tracers(record: StepRecord, what: str) -> None:
         )
 
 
+CLEARLY_BETTER = 10.0
+"""Difference in AICc from which a model has essentially no support (Burnham, Anderson 2002).
+
+A zero can mimic what a higher order does a little better: less than that is no reason."""
+
+HALF_SEEN = 0.5
+"""Share of its change that a record must show of a settling model, to be told from a ramp."""
+
+
 def _identify_auto(record: StepRecord, options: dict[str, Any]) -> Identification:
-    options = dict(options)
-    errors = options.pop("errors", True)
     bare = record.plain
-    fits = [_searched(search, bare, options) for search in AUTO.values()]
-    scores = [float(fitted.score) for fitted in fits]
-    chosen = int(np.argmin(scores))
+    options = prepared("auto", tuple(FitOptions.__annotations__), bare, options)
+    errors = options.pop("errors", True)
+    found = side_by_side(partial(_searched, search, bare, options) for search in AUTO.values())
+    fits: dict[str, Fitted] = dict(zip(AUTO, found, strict=True))
+    best = min(fits, key=lambda name: float(fits[name].score))
+    seen = signs(bare)
+    reasons = {
+        "sopdt_zero_fit": bool(seen.wrong_way | seen.lone_overshoot),
+        "ipdt_fit": bool(seen.unsettled),
+    }
+    for name, search in WITH_REASON.items():
+        if reasons[name]:
+            fits[name] = _searched(search, bare, options)
+    chosen = _kept(bare, fits, best)
     result = _concluded(fits[chosen], bare, errors)
-    details = {f"aicc_{name}": jnp.asarray(score) for name, score in zip(AUTO, scores, strict=True)}
-    details["chosen"] = jnp.asarray(chosen)
+    details = {f"aicc_{name}": jnp.asarray(float(fit.score)) for name, fit in fits.items()}
+    details |= {name: jnp.asarray(flag) for name, flag in seen._asdict().items()}
+    details["chosen"] = jnp.asarray(_CANDIDATES.index(chosen))
     details = result.details | record.details | details
     return dataclasses.replace(result, record=record, details=details)
+
+
+_CANDIDATES = (*AUTO, *WITH_REASON)
+
+
+def _kept(record: StepRecord, fits: dict[str, Fitted], best: str) -> str:
+    """The method to keep, of which `best` is the best without a special reason.
+
+    What was tried for a reason must be clearly better. A ramp is the limit of settling models, none
+    of which it can beat by much: it is kept where it is as good, and the best of them would have to
+    extrapolate its gain to more than twice the change that the record shows.
+    """
+    score = {name: float(fit.score) for name, fit in fits.items()}
+    others = [name for name in WITH_REASON if name in fits]
+    winner = min(others, key=score.__getitem__, default=best)
+    if score[winner] < score[best] - CLEARLY_BETTER:
+        return winner
+    if "ipdt_fit" in others and score["ipdt_fit"] <= score[best]:
+        result = _concluded(fits[best], record, False)
+        shown = (result.predict(record.t[-1]) - result.model.offset) / record.step_size
+        if not bool(jnp.abs(shown) > HALF_SEEN * jnp.abs(result.model.gain)):
+            return "ipdt_fit"
+    return best
 
 
 @eqx.filter_jit
@@ -91,7 +141,7 @@ def _concluded(fitted: Fitted, record: StepRecord, errors: bool) -> Identificati
 
 def chosen_method(result: Identification) -> str:
     """Name of the method that "auto" kept."""
-    return list(AUTO)[int(result.details["chosen"])]
+    return _CANDIDATES[int(result.details["chosen"])]
 
 
 def aicc_of(result: Identification, order_found: bool):

@@ -14,6 +14,49 @@ from .records._labels import unit_of
 from .records._record import StepRecord, predict, scaled
 
 
+DETAILS = {
+    # of the record
+    "assumed_step": "the input was constant from its first row and taken as a step from 0 there",
+    "steps_found": "number of steps in the input, 0 without an input column",
+    # what point methods read, times from the step; levels in percent as t33, t35_3
+    "t<level>": "time at which the response reaches a level",
+    "Tu": "time from the step to where the tangent leaves the initial level",
+    "Tg": "time from there to where the tangent reaches the final level",
+    "t_inflection": "time of the inflection",
+    "t_read": "time of the height that a chart asks for",
+    "y_read": "height there, as a share of the change",
+    "t_i": "time of the inflection's height by Strejc's table",
+    "y_i": "that height, as a share of the change",
+    "raw_delay": "dead time as computed, before a negative one was left out",
+    "area": "area above the response, A0",
+    "area_below": "area below the response up to A0",
+    "mean": "first moment of the impulse response, from the step",
+    "variance": "second central moment of the impulse response",
+    "skewness": "its third moment over the standard deviation cubed",
+    "order": "order before it was rounded",
+    # of a fit
+    "steps": "iterations of the solver",
+    "at_bound": "which parameters of `free` ended on a bound",
+    "parameters": "how many were found from the record, a chosen order among them",
+    "aicc": "Akaike's criterion, corrected",
+    "noise_level": "noise that Huber's loss goes by, in output units",
+    # of its standard errors
+    "residual_autocorrelation": "from row to row; 0 where it is not significant",
+    "residuals_correlated": "whether it is",
+    "quantisation": "step between distinct values of the output, 0 where it has none",
+    "quantised": "whether it has",
+    "identifiable": "which parameters of `free` the record determines",
+    "effective_parameters": "freedom that the residuals have lost",
+    # of method="auto"
+    "aicc_<method>": "Akaike's criterion of each family that was tried",
+    "chosen": "which of them was kept",
+    "wrong_way": "sign in the record: it moves away from its end first",
+    "lone_overshoot": "sign in the record: an overshoot that is no oscillation",
+    "unsettled": "sign in the record: it ends as a ramp",
+}
+"""Every key of `Identification.details`, and what stands there."""
+
+
 class Identification(eqx.Module):
     """An identified model, how good it is and how certain.
 
@@ -23,7 +66,7 @@ class Identification(eqx.Module):
         rows from the step on.
     - `std`: standard error by parameter name; 0 if the parameter was fixed, NaN where the method
         has none. `covariance`: of the parameters named in `free`, in that order.
-    - `details`: further arrays by name.
+    - `details`: further arrays by name; `DETAILS` lists them.
     """
 
     model: Any  # a plant, whose class depends on the method

@@ -61,7 +61,7 @@ def aicc(square: Scalar, count: Array | int, parameters: Array | int) -> Scalar:
     """Information criterion N ln(RSS/N) + 2 k N/(N - k - 1) (Hurvich and Tsai 1989)."""
     tiny = jnp.finfo(square.dtype).tiny
     penalty = 2 * parameters * count / jnp.maximum(count - parameters - 1, 1)
-    return count * jnp.log(jnp.maximum(square, tiny) / count) + penalty
+    return count * jnp.log(jnp.maximum(square / count, tiny)) + penalty
 
 
 def fit(

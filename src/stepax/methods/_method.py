@@ -2,7 +2,7 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, get_args
 
 import equinox as eqx
@@ -61,17 +61,24 @@ def compiled(method: Callable[..., Identification]) -> Callable[..., Identificat
 
     @functools.wraps(method)
     def run(record: StepRecord, **options: Any) -> Identification:
-        for name in options:
-            if name not in known:
-                raise ValueError(
-                    f"Method {method.__name__!r} has no option {name!r}; it has {', '.join(known)}."
-                )
-        options = {k: x if k in TRACED else _static(x) for k, x in options.items()}
-        if isinstance(options.get("delay"), int | float | np.generic | np.ndarray | jax.Array):
-            options["delay"] = jnp.asarray(options["delay"], record.t.dtype)
-        return call(record, **options)
+        return call(record, **prepared(method.__name__, known, record, options))
 
     return run
+
+
+def prepared(
+    method: str, known: Sequence[str], record: StepRecord, options: dict[str, Any]
+) -> dict[str, Any]:
+    """Options as a compiled method takes them; a `ValueError` for one that it does not have."""
+    for name in options:
+        if name not in known:
+            raise ValueError(
+                f"Method {method!r} has no option {name!r}; it has {', '.join(known)}."
+            )
+    options = {k: x if k in TRACED else _static(x) for k, x in options.items()}
+    if isinstance(options.get("delay"), int | float | np.generic | np.ndarray | jax.Array):
+        options["delay"] = jnp.asarray(options["delay"], record.t.dtype)
+    return options
 
 
 def option_names(method: Callable[..., Any]) -> tuple[str, ...]:

@@ -112,7 +112,7 @@ def zero_start(record: StepRecord, fixed: Sequence[str]) -> SOPDTZero:
         return jnp.where(usable & (gain != 0), square, jnp.inf), lead
 
     def nearer(best: Array, size: Scalar) -> tuple[Array, None]:
-        shapes = best + size * jnp.asarray(AROUND, y.dtype)
+        shapes = best[None, :] + size * jnp.asarray(AROUND, y.dtype)
         return shapes[jnp.argmin(jax.vmap(regression)(shapes)[0])], None
 
     shapes = jnp.asarray(SHAPES, y.dtype)
