@@ -217,7 +217,7 @@ def test_auto_leaves_the_zero_where_there_is_none():
 
 def test_every_detail_is_listed():
     """Their names and meaning stand in `DETAILS`; levels and methods in its patterns."""
-    patterns = [re.compile(rf"t\d+(_\d+)?$"), re.compile(rf"aicc_({'|'.join(METHODS)})$")]
+    patterns = [re.compile(r"t\d+(_\d+)?$"), re.compile(rf"aicc_({'|'.join(METHODS)})$")]
     record = noisy(Sani(T=1.0, r=0.5, n=2, gain=2.0), 0.0, 0)
     results = [METHODS[name](record) for name in METHODS]
     results += [identify(record), METHODS["fopdt_fit"](record, loss="huber")]
@@ -228,5 +228,5 @@ def test_every_detail_is_listed():
 
 
 def test_unknown_options_of_auto():
-    with pytest.raises(ValueError, match="no option 'bad'.*fixed"):
+    with pytest.raises(ValueError, match=r"no option 'bad'.*fixed"):
         identify(noisy(INVERSE, 0.0, 0), bad=1)

@@ -123,7 +123,7 @@ def _kept(record: StepRecord, fits: dict[str, Fitted], best: str) -> str:
         return winner
     if "ipdt_fit" in others and score["ipdt_fit"] <= score[best]:
         result = _concluded(fits[best], record, False)
-        shown = (result.predict(record.t[-1]) - result.model.offset) / record.step_size
+        shown = (result.predict(record.t)[-1] - result.model.offset) / record.step_size
         if not bool(jnp.abs(shown) > HALF_SEEN * jnp.abs(result.model.gain)):
             return "ipdt_fit"
     return best
