@@ -88,15 +88,15 @@ class Identification(eqx.Module):
         """The transfer function as "text" or "latex", without the offset."""
         return transfer_function(self.model, style)
 
-    def plot(self, **options):
-        """Record, model and residuals as a matplotlib figure.
+    def plot(self, *, title: str | None = None, size: tuple[float, float] = (8.0, 5.0)):
+        """Record, model and residuals as a matplotlib figure; `size` in inches.
 
-        **Options:** `title`, instead of the transfer function and the fit; `size` in inches.
+        `title`: instead of the transfer function and the fit.
         """
         from .plots._model import plot_model
 
         model = None if bool(refused(self.status)) else self.model
-        return plot_model(self.record, model, **({"title": _title(self)} | options))
+        return plot_model(self.record, model, title=title or _title(self), size=size)
 
 
 def conclude(
