@@ -1,4 +1,4 @@
-"""This checkout against another one: `python -m experiments.benchmarks.against FOLDER [--rounds 3]`.
+"""This checkout against another: `python -m experiments.benchmarks.against FOLDER [--rounds 3]`.
 
 FOLDER is a checkout of another commit. Both are timed in turn, in processes of their own, by the
 same code, which uses public names alone: step responses, least-squares fits and point methods in
@@ -47,7 +47,7 @@ def cases():
     many = 10_000
     lags = jax.random.uniform(key, (many, 4), minval=1.0, maxval=9.0)
     plants = {
-        "response PTn 4": PTn(lags=lags),
+        "response PTn 4": jax.vmap(lambda lags: PTn(lags=lags))(lags),
         "response Sani 4": jax.vmap(lambda T, r: Sani(T=T, r=r, n=4))(
             draw(1, many, 1, 9), draw(2, many, 0.1, 1)
         ),
@@ -116,9 +116,8 @@ def run(checkout: Path) -> dict[str, tuple[float, float]]:
     """Times of a checkout's package by this file."""
     environment = os.environ | {"PYTHONPATH": f"{checkout / 'src'}{os.pathsep}{HERE}"}
     command = [sys.executable, "-m", "experiments.benchmarks.against", "--measure"]
-    done = subprocess.run(
-        command, env=environment, cwd=HERE, check=True, capture_output=True, text=True
-    )
+    done = subprocess.run(command, env=environment, cwd=HERE, stdout=subprocess.PIPE, text=True)
+    done.check_returncode()
     return json.loads(done.stdout.splitlines()[-1])
 
 
