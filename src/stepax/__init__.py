@@ -34,7 +34,7 @@ from .records._preprocess import (
     smooth as smooth,
 )
 from .records._read import read_record as read_record
-from .records._record import StepRecord as StepRecord
+from .records._record import StepRecord as StepRecord, stack_records as stack_records
 
 
 __version__ = _version("stepax")

@@ -19,7 +19,7 @@ from .fitting._refine import concluded
 from .methods import METHODS
 from .methods._fits import AUTO, WITH_REASON, FitOptions
 from .methods._method import prepared
-from .records._record import StepRecord
+from .records._record import StepRecord, compact
 from .records._signs import signs
 
 
@@ -123,7 +123,9 @@ def _kept(record: StepRecord, fits: dict[str, Fitted], best: str) -> str:
         return winner
     if "ipdt_fit" in others and score["ipdt_fit"] <= score[best]:
         result = _concluded(fits[best], record, False)
-        shown = (result.predict(record.t)[-1] - result.model.offset) / record.step_size
+        used = compact(record)
+        end = result.predict(used.t)[used.last]
+        shown = (end - result.model.offset) / record.step_size
         if not bool(jnp.abs(shown) > HALF_SEEN * jnp.abs(result.model.gain)):
             return "ipdt_fit"
     return best
@@ -152,9 +154,9 @@ def aicc_of(result: Identification, order_found: bool):
     if "aicc" in result.details:
         value = result.details["aicc"]
     else:
-        record = result.record
-        square = jnp.sum((record.y - result.predict(record.t)) ** 2)
-        value = aicc(square, record.y.size, parameter_count(result, order_found))
+        record = compact(result.record)
+        residual = jnp.where(record.present, record.y - result.predict(record.t), 0)
+        value = aicc(jnp.sum(residual**2), record.count, parameter_count(result, order_found))
     return jnp.where(refused(result.status) | jnp.isnan(value), jnp.inf, value)
 
 

@@ -11,7 +11,7 @@ from ._status import Status, refused
 from .models._abstract import AbstractPlant
 from .models._notation import number, transfer_function, transfer_function_text
 from .records._labels import unit_of
-from .records._record import StepRecord, predict, scaled
+from .records._record import StepRecord, compact, predict, scaled
 
 
 DETAILS = {
@@ -114,17 +114,18 @@ def conclude(
     known already.
     """
     model = nan_where(refused(status), model)
-    rows = record.after_step
+    used = compact(record)
+    rows = used.after_step
     if response is None:
-        prediction = predict(model, record)
+        prediction = predict(model, used)
     else:
-        prediction = scaled(model, record, response)
-    residual = jnp.where(rows, record.y - prediction, 0)
+        prediction = scaled(model, used, response)
+    residual = jnp.where(rows, used.y - prediction, 0)
     count = jnp.sum(rows)
-    mean = jnp.sum(jnp.where(rows, record.y, 0)) / count
-    spread = jnp.sum(jnp.where(rows, record.y - mean, 0) ** 2)
+    mean = jnp.sum(jnp.where(rows, used.y, 0)) / count
+    spread = jnp.sum(jnp.where(rows, used.y - mean, 0) ** 2)
     square = residual**2
-    interval = jnp.where(rows[:-1], jnp.diff(record.t), 0)
+    interval = jnp.where(rows[:-1] & rows[1:], jnp.diff(used.t), 0)
     return Identification(
         model=model,
         status=status,

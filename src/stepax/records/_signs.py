@@ -4,10 +4,11 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from .._arrays import Flag, Samples, Scalar
 from ._characterise import levels
-from ._preprocess import noise_level, sliding_average
+from ._preprocess import moving_mean, noise_of
 from ._record import StepRecord, usable_record
 
 
@@ -44,9 +45,9 @@ def signs(record: StepRecord) -> Signs:
     initial, final = levels(record)
     up = jnp.where(final < initial, -1, 1)
     change = jnp.abs(final - initial)
-    width = max(1, record.y.size // 25)
-    y = up * (sliding_average(record.y, width) - initial)
-    after = record.elapsed > 0
+    width = jnp.maximum(1, record.count // 25)
+    y = up * (moving_mean(record.y, width, record.count) - initial)
+    after = (record.elapsed > 0) & record.present
     extent = jnp.max(record.y) - jnp.min(record.y)
     seen = jnp.maximum(SEEN * extent, _extreme_of_noise(record, width))
 
@@ -62,11 +63,11 @@ def signs(record: StepRecord) -> Signs:
     )
 
 
-def _extreme_of_noise(record: StepRecord, width: int) -> Scalar:
+def _extreme_of_noise(record: StepRecord, width: Array) -> Scalar:
     """What noise can move an average of `width` rows away from the initial level."""
     before = jnp.maximum(jnp.sum(~(record.elapsed > 0)), 1)
     variance = 1 / width + (0 if record.initial is not None else 1 / before)
-    return STANDS_OUT * noise_level(record.t, record.y) * jnp.sqrt(variance)
+    return STANDS_OUT * noise_of(record.t, record.y, record.count) * jnp.sqrt(variance)
 
 
 def _ends_as_ramp(record: StepRecord, y: Samples, extent: Scalar) -> Flag:
@@ -76,7 +77,7 @@ def _ends_as_ramp(record: StepRecord, y: Samples, extent: Scalar) -> Flag:
     def rise(begin: float) -> Scalar:
         """Slope of the line through a quarter, times its length."""
         t = record.elapsed / quarter - begin
-        rows = (t >= 0) & (t <= 1)
+        rows = (t >= 0) & (t <= 1) & record.present
         count = jnp.maximum(jnp.sum(rows), 1)
         middle, height = jnp.sum(t * rows) / count, jnp.sum(y * rows) / count
         spread = jnp.sum((t - middle) ** 2 * rows)
