@@ -164,7 +164,7 @@ def _row(name: str, result: Identification, plant: AbstractPlant | None) -> Row:
         rmse=float(measured.rmse),
         fit_percent=float(measured.fit_percent),
         parameters=parameter_count(result, about.order_found),
-        aicc=float(aicc_of(result, about.order_found)),
+        aicc=aicc_of(result, about.order_found),
         status=status_name(result.status),
         reason=reason,
         about=about,

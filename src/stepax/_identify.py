@@ -5,22 +5,25 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
-from ._compilation import side_by_side
+from ._arrays import Count, Scalar
+from ._compilation import compiled, is_traced, quick_compilation, rung, side_by_side
 from ._result import Identification
 from ._status import refused
 from .fitting._fitted import Fitted, aicc
 from .fitting._refine import concluded
 from .methods import METHODS
 from .methods._fits import AUTO, WITH_REASON, FitOptions
-from .methods._method import prepared
-from .records._record import StepRecord, compact
-from .records._signs import signs
+from .methods._method import option_names, prepared
+from .models._abstract import AbstractPlant
+from .records._record import StepRecord, compact, padded_record, predict, with_weights
+from .records._signs import Signs, signs
+
+
+AUTO_OPTIONS = tuple(FitOptions.__annotations__)
+"""Options of `identify(method="auto")`: those of every fit."""
 
 
 def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identification:
@@ -47,26 +50,31 @@ def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identi
             f"identify needs a StepRecord, got {type(record).__name__}: build one with"
             " StepRecord(t, y, ...) or read_record(path)."
         )
-    if method == "auto":
-        refuse_tracers(record, 'identify(method="auto")')
-        return _identify_auto(record, options)
-    return _run(record, _known(method), options)
-
-
-def _known(method: str):
-    if method not in METHODS:
+    if method != "auto" and method not in METHODS:
         raise KeyError(f"Unknown method {method!r}; known are auto, {', '.join(METHODS)}.")
-    return METHODS[method]
-
-
-def _run(record: StepRecord, method, options) -> Identification:
-    """Run a compiled method on the bare record, so that names of columns do not recompile it."""
-    result = method(record.plain, **options)
+    if method != "auto" and is_traced((record, options)):
+        result = METHODS[method](record.plain, **options)
+    else:
+        refuse_tracers(record, 'identify(method="auto")')
+        known = AUTO_OPTIONS if method == "auto" else option_names(METHODS[method])
+        options = prepared(method, known, record, options)
+        filled = filled_record(record, options.pop("weights", None))
+        run = _identify_auto if method == "auto" else METHODS[method]
+        with quick_compilation():
+            result = run(filled, **options)
     return dataclasses.replace(result, record=record, details=result.details | record.details)
 
 
+def filled_record(record: StepRecord, weights: Any = None) -> StepRecord:
+    """A bare record filled up to a rung of the ladder of lengths; host code.
+
+    One compilation serves all records of a rung. `weights` are those given to a fit.
+    """
+    return padded_record(with_weights(record.plain, weights), rung(record.t.size))
+
+
 def refuse_tracers(record: StepRecord, what: str) -> None:
-    if any(isinstance(x, Tracer) for x in jax.tree.leaves(record)):
+    if is_traced(record):
         raise TypeError(
             f"{what} chooses between model classes on the host and cannot be traced: name one"
             " method inside jit, vmap and grad."
@@ -82,63 +90,68 @@ HALF_SEEN = 0.5
 """Share of its change that a record must show of a settling model, to be told from a ramp."""
 
 
-def _identify_auto(record: StepRecord, options: dict[str, Any]) -> Identification:
-    bare = record.plain
-    options = prepared("auto", tuple(FitOptions.__annotations__), bare, options)
-    errors = options.pop("errors", True)
-    found = side_by_side(partial(_searched, search, bare, options) for search in AUTO.values())
+def _identify_auto(record: StepRecord, errors: bool = True, **options: Any) -> Identification:
+    """Of a filled record; the searches compile side by side."""
+    found = side_by_side(partial(_searched, search, record, options) for search in AUTO.values())
     fits: dict[str, Fitted] = dict(zip(AUTO, found, strict=True))
-    best = min(fits, key=lambda name: float(fits[name].score))
-    seen = signs(bare)
+    scores = {name: float(fit.score) for name, fit in fits.items()}
+    best = min(scores, key=scores.__getitem__)
+    seen = _signs(record)
     reasons = {
-        "sopdt_zero_fit": bool(seen.wrong_way | seen.lone_overshoot),
+        "sopdt_zero_fit": bool(seen.wrong_way) or bool(seen.lone_overshoot),
         "ipdt_fit": bool(seen.unsettled),
     }
     for name, search in WITH_REASON.items():
         if reasons[name]:
-            fits[name] = _searched(search, bare, options)
-    chosen = _kept(bare, fits, best)
-    result = _concluded(fits[chosen], bare, errors)
-    details = {f"aicc_{name}": jnp.asarray(float(fit.score)) for name, fit in fits.items()}
-    details |= {name: jnp.asarray(flag) for name, flag in seen._asdict().items()}
-    details["chosen"] = jnp.asarray(_CANDIDATES.index(chosen))
-    details = result.details | record.details | details
-    return dataclasses.replace(result, record=record, details=details)
+            fits[name] = _searched(search, record, options)
+            scores[name] = float(fits[name].score)
+    chosen = _kept(record, fits[best], scores, best)
+    result = _concluded(fits[chosen], record, errors)
+    details = {f"aicc_{name}": np.asarray(score) for name, score in scores.items()}
+    details |= seen._asdict() | {"chosen": np.asarray(_CANDIDATES.index(chosen))}
+    details = {name: jnp.asarray(x) for name, x in details.items()}
+    return dataclasses.replace(result, details=result.details | details)
 
 
 _CANDIDATES = (*AUTO, *WITH_REASON)
 
 
-def _kept(record: StepRecord, fits: dict[str, Fitted], best: str) -> str:
-    """The method to keep, of which `best` is the best without a special reason.
+def _kept(record: StepRecord, fit: Fitted, score: dict[str, float], best: str) -> str:
+    """The method to keep, of which `best` is the best without a special reason, and `fit` its fit.
 
     What was tried for a reason must be clearly better. A ramp is the limit of settling models, none
     of which it can beat by much: it is kept where it is as good, and the best of them would have to
     extrapolate its gain to more than twice the change that the record shows.
     """
-    score = {name: float(fit.score) for name, fit in fits.items()}
-    others = [name for name in WITH_REASON if name in fits]
+    others = [name for name in WITH_REASON if name in score]
     winner = min(others, key=score.__getitem__, default=best)
     if score[winner] < score[best] - CLEARLY_BETTER:
         return winner
     if "ipdt_fit" in others and score["ipdt_fit"] <= score[best]:
-        result = _concluded(fits[best], record, False)
-        used = compact(record)
-        end = result.predict(used.t)[used.last]
-        shown = (end - result.model.offset) / record.step_size
-        if not bool(jnp.abs(shown) > HALF_SEEN * jnp.abs(result.model.gain)):
+        if not float(_share_shown(fit)) > HALF_SEEN:
             return "ipdt_fit"
     return best
 
 
-@eqx.filter_jit
+@compiled
 def _searched(search: Callable[..., Fitted], record: StepRecord, options) -> Fitted:
     return search(record, **options)
 
 
-@eqx.filter_jit
+@compiled
 def _concluded(fitted: Fitted, record: StepRecord, errors: bool) -> Identification:
     return concluded(fitted, record, errors)
+
+
+@compiled
+def _signs(record: StepRecord) -> Signs:
+    return signs(record)
+
+
+@compiled
+def _share_shown(fitted: Fitted) -> Scalar:
+    """Share of its change that a settling model has gone in the last row of the record."""
+    return fitted.problem.plant(fitted.x)[1][fitted.problem.record.last]
 
 
 def chosen_method(result: Identification) -> str:
@@ -146,18 +159,25 @@ def chosen_method(result: Identification) -> str:
     return _CANDIDATES[int(result.details["chosen"])]
 
 
-def aicc_of(result: Identification, order_found: bool):
-    """AICc of a result over all rows of its record, infinite for a refusal.
+def aicc_of(result: Identification, order_found: bool) -> float:
+    """AICc of a result over all rows of its record, infinite for a refusal; host code.
 
     `order_found` as in `parameter_count`; a fit has counted its own.
     """
     if "aicc" in result.details:
-        value = result.details["aicc"]
+        value = float(result.details["aicc"])
     else:
-        record = compact(result.record)
-        residual = jnp.where(record.present, record.y - result.predict(record.t), 0)
-        value = aicc(jnp.sum(residual**2), record.count, parameter_count(result, order_found))
-    return jnp.where(refused(result.status) | jnp.isnan(value), jnp.inf, value)
+        found = parameter_count(result, order_found)
+        with quick_compilation():
+            value = float(_aicc(result.model, filled_record(result.record), jnp.asarray(found)))
+    return np.inf if bool(refused(result.status)) or np.isnan(value) else value
+
+
+@compiled
+def _aicc(model: AbstractPlant, record: StepRecord, parameters: Count) -> Scalar:
+    record = compact(record)
+    residual = jnp.where(record.present, record.y - predict(model, record), 0)
+    return aicc(jnp.sum(residual**2), record.count, parameters)
 
 
 def parameter_count(result: Identification, order_found: bool) -> int:

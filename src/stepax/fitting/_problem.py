@@ -1,7 +1,5 @@
 """One least-squares problem: the data, what is known, and the coordinates of the rest."""
 
-import dataclasses
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -17,6 +15,7 @@ from ..records._record import (
     input_response,
     input_response_slopes,
     usable_record,
+    with_weights,
 )
 from ._families import AbstractFamily, family_of
 from ._levels import Levels
@@ -289,17 +288,9 @@ class Problem(eqx.Module):
 def problem_data(record: StepRecord, weights) -> tuple[Status, StepRecord, Samples]:
     """Status of a record, the compact rows to fit, and their weights, 1 at most.
 
-    `weights` are those given to a fit, in the place of the record's own: per row, or one number.
+    `weights` are those given to a fit, in the place of the record's own.
     """
-    if weights is not None:
-        weights = jnp.asarray(weights, record.y.dtype)
-        if weights.shape not in ((), record.y.shape):
-            raise ValueError(
-                f"weights need one value per row of the record, {record.y.size},"
-                f" got {weights.size}."
-            )
-        record = dataclasses.replace(record, weights=weights * jnp.ones_like(record.y))
-    status, safe = usable_record(record)
+    status, safe = usable_record(with_weights(record, weights))
     if safe.weights is None:
         return status, safe, jnp.where(safe.present, jnp.ones_like(safe.y), 0)
     return status, safe, safe.weights / jnp.max(safe.weights)

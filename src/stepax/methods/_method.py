@@ -5,12 +5,12 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, get_args
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from .._compilation import compiled
 from .._result import Identification
 from ..models._abstract import AbstractPlant
 from ..records._record import StepRecord
@@ -52,12 +52,12 @@ TRACED = ("delay", "weights")
 """Options that may hold arrays: another value of them compiles nothing anew."""
 
 
-def compiled(method: Callable[..., Identification]) -> Callable[..., Identification]:
+def compiled_method(method: Callable[..., Identification]) -> Callable[..., Identification]:
     """`method`, compiled: `delay` is traced, in the record's dtype; other numbers are static.
 
     An option that the method does not have is a `ValueError`.
     """
-    call, known = eqx.filter_jit(method), option_names(method)
+    call, known = compiled(method), option_names(method)
 
     @functools.wraps(method)
     def run(record: StepRecord, **options: Any) -> Identification:

@@ -174,6 +174,19 @@ class StepRecord(eqx.Module):
         )
 
 
+def with_weights(record: StepRecord, weights: Any) -> StepRecord:
+    """A record with other weights than its own: per row, or one number; None leaves its own."""
+    if weights is None:
+        return record
+    weights = jnp.asarray(weights, record.y.dtype)
+    if weights.shape not in ((), record.y.shape):
+        raise ValueError(
+            f"weights need one value per row of the record, {record.y.size}, got {weights.size}."
+        )
+    weights = jnp.broadcast_to(weights, record.y.shape)
+    return eqx.tree_at(lambda r: r.weights, record, weights, is_leaf=lambda x: x is None)
+
+
 def compact(record: StepRecord) -> StepRecord:
     """The same record with the rows that count first, and harmless ones behind them.
 
@@ -226,20 +239,27 @@ def stack_records(records: Iterable[StepRecord]) -> StepRecord:
 
 
 def padded_record(record: StepRecord, size: int, weighted: bool = False) -> StepRecord:
-    """A record filled up with zeros to `size` rows, of which only those count that it had."""
-    more = (0, size - record.t.size)
+    """A record filled up with zeros to `size` rows, of which only those count that it had.
+
+    NumPy does it where it can: JAX would compile that for every length.
+    """
     weights = record.weights
     if weights is None and weighted:
-        weights = jnp.ones_like(record.t)
+        weights = np.ones(record.t.size, record.t.dtype)
+
+    def filled(row: Array) -> Array:
+        pad = jnp.pad if isinstance(row, Tracer) else np.pad
+        return jnp.asarray(pad(row, (0, size - record.t.size)))
+
     rows = record.t.size if record.rows is None else record.rows
     return eqx.tree_at(
         lambda r: (r.t, r.y, r.rows, r.weights),
         record,
         (
-            jnp.pad(record.t, more),
-            jnp.pad(record.y, more),
+            filled(record.t),
+            filled(record.y),
             jnp.asarray(rows),
-            None if weights is None else jnp.pad(weights, more),
+            None if weights is None else filled(weights),
         ),
         is_leaf=lambda x: x is None,
     )
