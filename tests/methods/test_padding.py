@@ -1,23 +1,16 @@
 """A record whose rows count only in part gives what the bare one gives, in every method."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from stepax import (
     IPDT,
     METHODS,
-    PTn,
     Sani,
     SOPDTZero,
     Status,
     StepRecord,
-    compare,
-    crossing_times,
-    identify,
-    stack_records,
-    tangent,
 )
 
 

@@ -81,7 +81,8 @@ def fit(
         eps = float(jnp.finfo(safe.y.dtype).eps)
         atol = 0.5 * least_loss(safe.y.dtype, safe)
         # the cost is flat to a root of eps around its least value: beyond, digits are noise
-        solver = BoundedLevenbergMarquardt(rtol=eps**0.5, atol=atol)
+        solver = BoundedLevenbergMarquardt(rtol=eps**0.5)
+        solver = eqx.tree_at(lambda s: s.atol, solver, atol)  # traced where rows are
     if loss == "huber":
         problem, found = _robust(problem, solver, max_steps)
     else:

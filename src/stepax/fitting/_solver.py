@@ -56,7 +56,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     """
 
     rtol: float
-    atol: float | Scalar = 0.0
+    atol: float = 0.0
     norm: Callable[..., Any] = optx.max_norm
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:

@@ -247,7 +247,7 @@ def padded_record(record: StepRecord, size: int, weighted: bool = False) -> Step
     if weights is None and weighted:
         weights = np.ones(record.t.size, record.t.dtype)
 
-    def filled(row: Array) -> Array:
+    def filled(row: Array | np.ndarray) -> Array:
         pad = jnp.pad if isinstance(row, Tracer) else np.pad
         return jnp.asarray(pad(row, (0, size - record.t.size)))
 
@@ -261,6 +261,22 @@ def padded_record(record: StepRecord, size: int, weighted: bool = False) -> Step
             jnp.asarray(rows),
             None if weights is None else filled(weights),
         ),
+        is_leaf=lambda x: x is None,
+    )
+
+
+def rows_that_count(record: StepRecord) -> StepRecord:
+    """The record without the rows that do not count; host code."""
+    if record.rows is None and record.weights is None:
+        return record
+    counts = np.arange(record.t.size) < np.asarray(record.count)
+    if record.weights is not None:
+        counts = counts & (np.asarray(record.weights) > 0)
+    t, y = (jnp.asarray(np.asarray(x)[counts]) for x in (record.t, record.y))
+    return eqx.tree_at(
+        lambda r: (r.t, r.y, r.rows, r.weights),
+        record,
+        (t, y, None, None),
         is_leaf=lambda x: x is None,
     )
 
