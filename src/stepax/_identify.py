@@ -50,6 +50,13 @@ def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identi
             f"identify needs a StepRecord, got {type(record).__name__}: build one with"
             " StepRecord(t, y, ...) or read_record(path)."
         )
+    return identify_filled(record, method, options, rung)
+
+
+def identify_filled(
+    record: StepRecord, method: str, options: dict[str, Any], length: Callable[[int], int]
+) -> Identification:
+    """`identify` for a ladder of lengths that records are filled up to."""
     if method != "auto" and method not in METHODS:
         raise KeyError(f"Unknown method {method!r}; known are auto, {', '.join(METHODS)}.")
     if method != "auto" and is_traced((record, options)):
@@ -58,19 +65,21 @@ def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identi
         refuse_tracers(record, 'identify(method="auto")')
         known = AUTO_OPTIONS if method == "auto" else option_names(METHODS[method])
         options = prepared(method, known, record, options)
-        filled = filled_record(record, options.pop("weights", None))
+        filled = filled_record(record, options.pop("weights", None), length)
         run = _identify_auto if method == "auto" else METHODS[method]
         with quick_compilation():
             result = run(filled, **options)
     return dataclasses.replace(result, record=record, details=result.details | record.details)
 
 
-def filled_record(record: StepRecord, weights: Any = None) -> StepRecord:
-    """A bare record filled up to a rung of the ladder of lengths; host code.
+def filled_record(
+    record: StepRecord, weights: Any = None, length: Callable[[int], int] = rung
+) -> StepRecord:
+    """A bare record filled up to a rung of a ladder of lengths; host code.
 
     One compilation serves all records of a rung. `weights` are those given to a fit.
     """
-    return padded_record(with_weights(record.plain, weights), rung(record.t.size))
+    return padded_record(with_weights(record.plain, weights), length(record.t.size))
 
 
 def refuse_tracers(record: StepRecord, what: str) -> None:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ._identify import chosen_method, identify
+from ._compilation import coarse_rung
+from ._identify import chosen_method, identify_filled
 from ._notes import notes_of
 from ._result import Identification
 from ._status import Status, refused, status_name
@@ -94,7 +95,7 @@ def identify_each(
     progress: bool = False,
     **options: Any,
 ) -> Identifications:
-    """Models of many records, of any lengths: one compilation serves all of nearly equal length.
+    """Models of many records, of any lengths: few compilations serve all.
 
     **Arguments:**
 
@@ -140,7 +141,7 @@ def _outcome(source: str, read: Callable[[], StepRecord], method: str, options) 
         record = read()
     except BAD_INPUT as error:
         return Outcome(source, "", None, str(error.args[0]) if error.args else str(error))
-    result = identify(record, method, **options)
+    result = identify_filled(record, method, options, coarse_rung)
     name = chosen_method(result) if method == "auto" else method
     reason = Status[result.status] if bool(refused(result.status)) else ""
     return Outcome(source, name, result, reason)
