@@ -95,11 +95,11 @@ def zero_start(record: StepRecord, fixed: Sequence[str]) -> SOPDTZero:
         omega_n = jnp.sqrt(1 + 4 * zeta**2) / (period * safe.duration)
         return _best_lead(SOPDT(zeta=zeta, omega_n=omega_n, delay=delay), t, y)
 
-    delays = _delay(latest * jnp.asarray(DELAYS, y.dtype), fixed)
+    delays = _delay(latest, fixed) * jnp.asarray(DELAYS, y.dtype)
 
     def errors(best: Array, size: Array, steps: np.ndarray) -> Array:
         """Squared errors of a row of shapes, one a dead time, and of all steps from it."""
-        one = lambda step: jax.vmap(regression)(best + size[:, None] * step, delays)[0]  # noqa: E731
+        one = lambda step: jax.vmap(regression)(best + jnp.outer(size, step), delays)[0]  # noqa: E731
         return jax.lax.map(one, jnp.asarray(steps, y.dtype))
 
     def nearer(carry: tuple[Array, Array], _) -> tuple[tuple[Array, Array], None]:
