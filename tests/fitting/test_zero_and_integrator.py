@@ -38,7 +38,7 @@ def plants_with_a_zero(count, seed):
         zeta, omega_n, lead = np.exp(rng.uniform(*np.log([[0.2, 0.5, 0.3], [3.0, 3.0, 6.0]])))
         lead, delay = lead * rng.choice([-1, 1]), rng.uniform(0, 3)
         poles = np.roots([1, 2 * zeta * omega_n, omega_n**2])
-        if np.max(np.abs(poles)) < 5 and np.min(np.abs(1 + lead * poles)) > 0.3:
+        if np.max(np.abs(poles)) < 5 and np.min(np.abs(1 + lead * poles)) > 0.5:
             yield {"zeta": zeta, "omega_n": omega_n, "lead": lead, "delay": delay}
             count -= 1
         if not count:
