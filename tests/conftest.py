@@ -15,7 +15,7 @@ if not os.environ.get("STEPAX_TEST_OPTIMISED"):
 @pytest.fixture(scope="module")
 def quick_compilation():
     """The poles in a loop, as on the command line: compiling is most of the time of these tests."""
-    from stepax.models._contour import quick_compilation  # checked only if imported after pytest's
+    from stepax._compilation import quick_compilation  # checked only if imported after pytest's
 
     if os.environ.get("STEPAX_TEST_OPTIMISED"):
         yield

@@ -60,7 +60,6 @@ def front(monkeypatch):
     )
     monkeypatch.setitem(sys.modules, "stepax._identify", module)
     monkeypatch.setattr("stepax._compare.compare", compare)
-    monkeypatch.setattr("stepax._cli._compile_side_by_side", lambda *_, **__: None)
     return calls
 
 

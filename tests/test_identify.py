@@ -9,8 +9,24 @@ import numpy as np
 import pytest
 
 import stepax
-from stepax import METHODS, Identification, Sani, Status, StepRecord, compare, identify
+from stepax import (
+    FOPDT,
+    IPDT,
+    METHODS,
+    SOPDT,
+    Identification,
+    PTn,
+    Sani,
+    SOPDTZero,
+    Status,
+    StepRecord,
+    compare,
+    identify,
+)
+from stepax._identify import chosen_method
+from stepax._result import DETAILS
 from stepax.methods import MODELS
+from stepax.methods._fits import AUTO, WITH_REASON
 
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
@@ -126,3 +142,91 @@ def test_temperature_lab(output, fit, run):
     assert float(result.fit_percent) >= fit - (0 if run == 1 else 1)
     assert bool(result.details["quantised"]) and bool(result.details["residuals_correlated"])
     assert bool(result.details["assumed_step"])
+
+
+# Models that are tried for a reason
+
+
+GRID = np.linspace(0.0, 10.0, 200)
+INVERSE = SOPDTZero(
+    zeta=1 / np.sqrt(3), omega_n=np.sqrt(3), lead=-0.5, gain=2 / 3, offset=1.0, delay=1.0
+)
+"""(2 - s) e^-s/(s^2 + 2s + 3), simulated."""
+
+
+def noisy(plant, noise, seed):
+    clean = np.asarray(plant.step_response(GRID))
+    size = noise * (clean[-1] - clean[0])
+    return StepRecord(GRID, clean + size * np.random.default_rng(seed).standard_normal(GRID.size))
+
+
+def tried(result):
+    return {name for name in result.details if name.startswith("aicc_")}
+
+
+USUAL = {f"aicc_{name}" for name in AUTO}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_auto_finds_an_inverse_response(seed):
+    result = identify(noisy(INVERSE, 0.02, seed))
+    assert chosen_method(result) == "sopdt_zero_fit" and result.details["wrong_way"]
+    assert tried(result) == USUAL | {"aicc_sopdt_zero_fit"}
+    for name in ("zeta", "omega_n", "lead", "delay", "gain"):
+        assert abs(getattr(result.model, name) - getattr(INVERSE, name)) < 5 * result.std[name]
+
+
+def test_auto_finds_an_overshoot_that_is_no_oscillation():
+    plant = SOPDTZero(zeta=1.5, omega_n=1.5, lead=6.0, gain=2.0)
+    result = identify(noisy(plant, 0.01, 0))
+    assert chosen_method(result) == "sopdt_zero_fit" and result.details["lone_overshoot"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_auto_finds_an_integrator(seed):
+    plant = IPDT(T=2.0, gain=-0.3, delay=1.0)
+    result = identify(noisy(plant, 0.02, seed))
+    assert chosen_method(result) == "ipdt_fit" and result.details["unsettled"]
+    assert tried(result) == USUAL | {"aicc_ipdt_fit"}
+    assert abs(result.model.gain + 0.3) < 5 * result.std["gain"]
+    assert result.status == Status.successful and np.isneginf(result.model.static_gain)
+
+
+def usual_plants(count):
+    """Plants without a zero, of every kind: lags, equal or not, oscillation, dead time."""
+    random = np.random.default_rng(3)
+    for k in range(count):
+        T, r, delay = random.uniform(0.3, 2.0), random.uniform(0.05, 1.0), random.uniform(0, 1.5)
+        levels = {"gain": random.choice([-3.0, 2.0]), "offset": 1.0, "delay": delay}
+        yield [
+            FOPDT(T=T, **levels),
+            SOPDT(zeta=random.uniform(0.1, 1.2), omega_n=random.uniform(0.8, 4.0), **levels),
+            Sani(T=T, r=r, n=3, **levels),
+            PTn(lags=random.uniform(0.05, 1.0, 4), **levels),
+        ][k % 4]
+
+
+def test_auto_leaves_the_zero_where_there_is_none():
+    """200 plants without one: it is chosen for none, and tried for few."""
+    noise = np.random.default_rng(4).choice([0.003, 0.01, 0.03], 200)
+    pairs = zip(usual_plants(200), noise, strict=True)
+    results = [identify(noisy(plant, x, k)) for k, (plant, x) in enumerate(pairs)]
+    assert sum(chosen_method(result) in WITH_REASON for result in results) == 0
+    assert sum(tried(result) != USUAL for result in results) <= 10
+
+
+def test_every_detail_is_listed():
+    """Their names and meaning stand in `DETAILS`; levels and methods in its patterns."""
+    patterns = [re.compile(r"t\d+(_\d+)?$"), re.compile(rf"aicc_({'|'.join(METHODS)})$")]
+    record = noisy(Sani(T=1.0, r=0.5, n=2, gain=2.0), 0.0, 0)
+    results = [METHODS[name](record) for name in METHODS]
+    results += [identify(record), METHODS["fopdt_fit"](record, loss="huber")]
+    names = {name for result in results for name in result.details}
+    assert {n for n in names if not any(p.match(n) for p in patterns)} <= set(DETAILS)
+    used = {name for name in DETAILS if "<" not in name}
+    assert used - names == {"assumed_step", "steps_found"}  # of records that were read from files
+
+
+def test_unknown_options_of_auto():
+    with pytest.raises(ValueError, match=r"no option 'bad'.*fixed"):
+        identify(noisy(INVERSE, 0.0, 0), bad=1)

@@ -44,7 +44,7 @@ from experiments.numpy_responses import chain_lags, chain_response, hudzovic_res
 from stepax import Hudzovic, Sani, StepRecord, refine
 from stepax.fitting._problem import Problem
 from stepax.fitting._solver import inner_products
-from stepax.methods._fits import _chain_start
+from stepax.methods._starts import chain_start
 
 
 SAMPLES, NOISE, CHUNK, TOLERANCE = 200, 0.02, 32, 1e-6
@@ -70,7 +70,7 @@ def draw(family, order, everything, key):
     t = jnp.linspace(0, 1, SAMPLES) * (delay + 4.5 * residence)
     y = family(T=T, r=r, n=n, delay=delay).step_response(t)
     record = StepRecord(t, y + NOISE * jax.random.normal(keys[4], t.shape))
-    start: Any = _chain_start(family, record, n, () if everything else KNOWN)
+    start: Any = chain_start(family, record, n, () if everything else KNOWN)
     return record.t, record.y, start.T, start.r, start.delay, n
 
 

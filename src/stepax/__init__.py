@@ -4,6 +4,7 @@ from importlib.metadata import version as _version
 
 from ._compare import Comparison as Comparison, compare as compare
 from ._identify import identify as identify
+from ._identify_each import Identifications as Identifications, identify_each as identify_each
 from ._result import Identification as Identification
 from ._status import Status as Status, refused as refused
 from .curves._lookup import Lookup as Lookup, lookup as lookup
@@ -34,7 +35,7 @@ from .records._preprocess import (
     smooth as smooth,
 )
 from .records._read import read_record as read_record
-from .records._record import StepRecord as StepRecord
+from .records._record import StepRecord as StepRecord, stack_records as stack_records
 
 
 __version__ = _version("stepax")

@@ -10,7 +10,7 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -57,6 +57,9 @@ EXAMPLES = {"heater": "heater.csv"}
 SIMULATED = "This record is simulated: it comes with stepax as an example and was not measured."
 
 File = Annotated[Path | None, typer.Argument(help="CSV, text table or MAT file.")]
+Files = Annotated[
+    list[Path] | None, typer.Argument(help="CSV, text table or MAT file; several, or a folder.")
+]
 Time = Annotated[str | None, typer.Option(help="Column of the time: name, or number from 1.")]
 Output = Annotated[str | None, typer.Option(help="Column of the output.")]
 Input = Annotated[str | None, typer.Option(help="Column of the input, where the step is found.")]
@@ -107,7 +110,7 @@ def _sentence(error: Exception) -> str:
 
 def _command(function: Callable) -> Callable:
     """A command: JAX set up, and what goes wrong in one paragraph, with exit code 2."""
-    from .models._contour import quick_compilation
+    from ._compilation import quick_compilation
 
     @app.command()
     @functools.wraps(function)
@@ -213,27 +216,12 @@ def _heading(record: "StepRecord", example: str | None) -> str:
     return f"{record_line(record)}\n{SIMULATED}" if example else record_line(record)
 
 
-def _compile_side_by_side(record: "StepRecord", names: Iterable[str], **options: Any) -> None:
-    """Run methods once in threads of their own: compiling, most of a cold start, uses all cores."""
-    from concurrent.futures import ThreadPoolExecutor
-
-    from ._identify import identify
-    from .models._contour import quick_compilation
-
-    def run_once(name: str) -> None:
-        with quick_compilation():  # a thread does not inherit it
-            identify(record, name, **options)
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(run_once, names))
-
-
 # Commands
 
 
 @_command
 def identify(
-    file: File = None,
+    files: Files = None,
     time: Time = None,
     output: Output = None,
     input: Input = None,
@@ -241,27 +229,76 @@ def identify(
     method: Annotated[str, typer.Option(help="See `stepax methods`.")] = "auto",
     plot: Plot = None,
     json: Json = None,
+    csv: Annotated[Path | None, typer.Option(help="Several files: write the table as CSV.")] = None,
     example: Example = None,
 ) -> None:
-    """Identify a transfer function from a recorded step response."""
-    from ._identify import AUTO, chosen_method, identify as identify_record
+    """Identify a transfer function from a recorded step response, or one from each of several."""
+    columns = {"time": time, "output": output, "input": input, "step": step}
+    if files is not None and (len(files) > 1 or files[0].is_dir()):
+        if json or example:
+            raise ValueError("Several files give a table: --csv OUT.csv, and --plot FOLDER.")
+        _identify_files(files, columns, method, plot, csv)
+    elif csv is not None:
+        raise ValueError("--csv is for several files; of one --json has all numbers.")
+    else:
+        _identify_file(files[0] if files else None, example, columns, method, plot, json)
+
+
+def _identify_file(
+    file: Path | None,
+    example: str | None,
+    columns: dict[str, Any],
+    method: str,
+    plot: Path | None,
+    json: Path | None,
+) -> None:
+    """One file: the report, a picture, JSON."""
+    from ._identify import chosen_method, identify as identify_record
     from ._status import Status, refused
     from .report._content import to_json
     from .report._terminal import report
 
     outputs = Outputs(plot, json)
     outputs.check(file)
-    record = _read(file, example, time=time, output=output, input=input, step=step)
+    record = _read(file, example, **columns)
     with waiting(f"Identifying {record.labels.source} ..."):
-        if method == "auto":
-            _compile_side_by_side(record, AUTO, errors=False)
         result = identify_record(record, method)
         if bool(refused(result.status)):
             raise ValueError(f"{record.labels.source}: {Status[result.status]}")
         name = chosen_method(result) if method == "auto" else method
         written = outputs.write(result.plot, lambda: to_json(result, name))
     kept = f"{name}, chosen by AICc" if method == "auto" else name
-    _show(_heading(record, example), report(result, kept, step), written=written)
+    said = report(result, kept, columns["step"])
+    _show(_heading(record, example), said, written=written)
+
+
+def _identify_files(
+    files: list[Path],
+    columns: dict[str, Any],
+    method: str,
+    plots: Path | None,
+    csv: Path | None,
+) -> None:
+    """Several files, or the CSV files of folders: a row each, and if wished a picture each."""
+    from ._identify_each import Identifications, each_of
+    from .records._read import read_record
+    from .report._content import table_of_files
+    from .report._files import check_folder, check_table, write_pictures, write_table
+    from .report._terminal import table
+
+    paths = [path for x in files for path in (sorted(x.glob("*.csv")) if x.is_dir() else [x])]
+    if not paths:
+        raise FileNotFoundError(f"There are no CSV files in {', '.join(map(str, files))}.")
+    check_folder(plots)
+    check_table(csv, paths)
+    readers = [(str(path), functools.partial(read_record, path, **columns)) for path in paths]
+    shown = sys.stderr.isatty()
+    found = Identifications(each_of(readers, method, shown))
+    if not any(outcome.has_model for outcome in found.outcomes):
+        first = found.outcomes[0]
+        raise ValueError(f"No file could be used; {first.source}: {first.reason}")
+    written = write_pictures(found.outcomes, plots) + write_table(found, csv)
+    _show(table(table_of_files(found.outcomes)), written=written)
 
 
 @_command
@@ -279,8 +316,8 @@ def compare(
 ) -> None:
     """Identify by all methods and rank the models."""
     from ._compare import check_group, check_kind, compare as compare_methods
-    from .methods import METHODS
-    from .report._content import to_json, warning_sentences
+    from ._notes import notes_of
+    from .report._content import to_json
     from .report._terminal import comparison_report
 
     check_group(group)
@@ -289,7 +326,6 @@ def compare(
     outputs.check(file)
     record = _read(file, example, time=time, output=output, input=input, step=step)
     with waiting(f"Comparing methods on {record.labels.source} ..."):
-        _compile_side_by_side(record, METHODS)
         comparison = compare_methods(record)
         kept = comparison.models(group)
         if not comparison.models():
@@ -302,7 +338,7 @@ def compare(
             lambda: comparison.plot(group, kind),
             lambda: [to_json(row.result, row.method) for row in kept],
         )
-    notes = [f"Note: {text}" for text in warning_sentences(kept[0].result, step)]
+    notes = [f"Note: {text}" for text in notes_of(kept[0].result, step)]
     _show(_heading(record, example), comparison_report(comparison, group), *notes, written=written)
 
 

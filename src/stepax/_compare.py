@@ -2,11 +2,13 @@
 
 import dataclasses
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
 
+from ._compilation import side_by_side
 from ._identify import aicc_of, identify, parameter_count, refuse_tracers
 from ._result import Identification, conclude
 from ._status import Status, refused, status_name
@@ -138,7 +140,8 @@ def compare(
     names = list(METHODS) if methods is None else list(methods)
     if not names:
         raise ValueError(f"compare needs at least one method; known are {', '.join(METHODS)}.")
-    rows = [_row(name, identify(record, name), plant) for name in names]
+    results = side_by_side(partial(identify, record, name) for name in names)
+    rows = [_row(name, found, plant) for name, found in zip(names, results, strict=True)]
     rows.sort(key=lambda row: (np.isnan(row.J), row.J, row.rmse))
     return Comparison(record, tuple(rows))
 
@@ -161,7 +164,7 @@ def _row(name: str, result: Identification, plant: AbstractPlant | None) -> Row:
         rmse=float(measured.rmse),
         fit_percent=float(measured.fit_percent),
         parameters=parameter_count(result, about.order_found),
-        aicc=float(aicc_of(result, about.order_found)),
+        aicc=aicc_of(result, about.order_found),
         status=status_name(result.status),
         reason=reason,
         about=about,

@@ -2,21 +2,28 @@
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
+from ._arrays import Count, Scalar
+from ._compilation import compiled, is_traced, quick_compilation, rung, side_by_side
 from ._result import Identification
 from ._status import refused
 from .fitting._fitted import Fitted, aicc
 from .fitting._refine import concluded
 from .methods import METHODS
-from .methods._fits import AUTO
-from .records._record import StepRecord
+from .methods._fits import AUTO, WITH_REASON, FitOptions
+from .methods._method import option_names, prepared
+from .models._abstract import AbstractPlant
+from .records._record import StepRecord, compact, padded_record, predict, with_weights
+from .records._signs import Signs, signs
+
+
+AUTO_OPTIONS = tuple(FitOptions.__annotations__)
+"""Options of `identify(method="auto")`: those of every fit."""
 
 
 def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identification:
@@ -26,9 +33,13 @@ def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identi
 
     - `record`: a `StepRecord`, from arrays or from `read_record`.
     - `method`: a name in `METHODS`, or "auto": all families of `AUTO` are fitted by least squares,
-        chains in every order from 2 to 8, and the one with the smallest AICc is kept; `.details`
-        holds `aicc_<method>` of each and `chosen`, the position in `AUTO`.
-    - `options`: passed to the method; see its docstring.
+        chains in every order from 2 to 8, and the one with the smallest AICc is kept. A second
+        order with a zero is tried too where the output first moves the wrong way or overshoots
+        without oscillation, an integrator where it ends as a ramp; the former is kept if its AICc
+        is better by more than 10, the latter also if it is as good as that of a model whose gain
+        would be extrapolated to more than twice what was seen. `.details` holds `aicc_<method>` of
+        each that was tried, the signs in the record, and `chosen` (`chosen_method`).
+    - `options`: passed to the method; see its docstring. "auto" takes those of `refine`.
 
     **Returns:** `Identification`. What is wrong with the values of the record is in its `.status`.
     A named method is clean under `jit`, `vmap` and `grad`; "auto" chooses between classes on the
@@ -39,73 +50,134 @@ def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identi
             f"identify needs a StepRecord, got {type(record).__name__}: build one with"
             " StepRecord(t, y, ...) or read_record(path)."
         )
-    if method == "auto":
-        refuse_tracers(record, 'identify(method="auto")')
-        return _identify_auto(record, options)
-    return _run(record, _known(method), options)
-
-
-def _known(method: str):
-    if method not in METHODS:
+    if method != "auto" and method not in METHODS:
         raise KeyError(f"Unknown method {method!r}; known are auto, {', '.join(METHODS)}.")
-    return METHODS[method]
-
-
-def _run(record: StepRecord, method, options) -> Identification:
-    """Run a compiled method on the bare record, so that names of columns do not recompile it."""
-    result = method(record.plain, **options)
+    if method != "auto" and is_traced((record, options)):
+        result = METHODS[method](record.plain, **options)
+    else:
+        refuse_tracers(record, 'identify(method="auto")')
+        known = AUTO_OPTIONS if method == "auto" else option_names(METHODS[method])
+        options = prepared(method, known, record, options)
+        filled = filled_record(record, options.pop("weights", None))
+        run = _identify_auto if method == "auto" else METHODS[method]
+        with quick_compilation():
+            result = run(filled, **options)
     return dataclasses.replace(result, record=record, details=result.details | record.details)
 
 
+def filled_record(record: StepRecord, weights: Any = None) -> StepRecord:
+    """A bare record filled up to a rung of the ladder of lengths; host code.
+
+    One compilation serves all records of a rung. `weights` are those given to a fit.
+    """
+    return padded_record(with_weights(record.plain, weights), rung(record.t.size))
+
+
 def refuse_tracers(record: StepRecord, what: str) -> None:
-    if any(isinstance(x, Tracer) for x in jax.tree.leaves(record)):
+    if is_traced(record):
         raise TypeError(
             f"{what} chooses between model classes on the host and cannot be traced: name one"
             " method inside jit, vmap and grad."
         )
 
 
-def _identify_auto(record: StepRecord, options: dict[str, Any]) -> Identification:
-    options = dict(options)
-    errors = options.pop("errors", True)
-    bare = record.plain
-    fits = [_searched(search, bare, options) for search in AUTO.values()]
-    scores = [float(fitted.score) for fitted in fits]
-    chosen = int(np.argmin(scores))
-    result = _concluded(fits[chosen], bare, errors)
-    details = {f"aicc_{name}": jnp.asarray(score) for name, score in zip(AUTO, scores, strict=True)}
-    details["chosen"] = jnp.asarray(chosen)
-    details = result.details | record.details | details
-    return dataclasses.replace(result, record=record, details=details)
+CLEARLY_BETTER = 10.0
+"""Difference in AICc from which a model has essentially no support (Burnham, Anderson 2002).
+
+A zero can mimic what a higher order does a little better: less than that is no reason."""
+
+HALF_SEEN = 0.5
+"""Share of its change that a record must show of a settling model, to be told from a ramp."""
 
 
-@eqx.filter_jit
+def _identify_auto(record: StepRecord, errors: bool = True, **options: Any) -> Identification:
+    """Of a filled record; the searches compile side by side."""
+    found = side_by_side(partial(_searched, search, record, options) for search in AUTO.values())
+    fits: dict[str, Fitted] = dict(zip(AUTO, found, strict=True))
+    scores = {name: float(fit.score) for name, fit in fits.items()}
+    best = min(scores, key=scores.__getitem__)
+    seen = _signs(record)
+    reasons = {
+        "sopdt_zero_fit": bool(seen.wrong_way) or bool(seen.lone_overshoot),
+        "ipdt_fit": bool(seen.unsettled),
+    }
+    for name, search in WITH_REASON.items():
+        if reasons[name]:
+            fits[name] = _searched(search, record, options)
+            scores[name] = float(fits[name].score)
+    chosen = _kept(record, fits[best], scores, best)
+    result = _concluded(fits[chosen], record, errors)
+    details = {f"aicc_{name}": np.asarray(score) for name, score in scores.items()}
+    details |= seen._asdict() | {"chosen": np.asarray(_CANDIDATES.index(chosen))}
+    details = {name: jnp.asarray(x) for name, x in details.items()}
+    return dataclasses.replace(result, details=result.details | details)
+
+
+_CANDIDATES = (*AUTO, *WITH_REASON)
+
+
+def _kept(record: StepRecord, fit: Fitted, score: dict[str, float], best: str) -> str:
+    """The method to keep, of which `best` is the best without a special reason, and `fit` its fit.
+
+    What was tried for a reason must be clearly better. A ramp is the limit of settling models, none
+    of which it can beat by much: it is kept where it is as good, and the best of them would have to
+    extrapolate its gain to more than twice the change that the record shows.
+    """
+    others = [name for name in WITH_REASON if name in score]
+    winner = min(others, key=score.__getitem__, default=best)
+    if score[winner] < score[best] - CLEARLY_BETTER:
+        return winner
+    if "ipdt_fit" in others and score["ipdt_fit"] <= score[best]:
+        if not float(_share_shown(fit)) > HALF_SEEN:
+            return "ipdt_fit"
+    return best
+
+
+@compiled
 def _searched(search: Callable[..., Fitted], record: StepRecord, options) -> Fitted:
     return search(record, **options)
 
 
-@eqx.filter_jit
+@compiled
 def _concluded(fitted: Fitted, record: StepRecord, errors: bool) -> Identification:
     return concluded(fitted, record, errors)
 
 
+@compiled
+def _signs(record: StepRecord) -> Signs:
+    return signs(record)
+
+
+@compiled
+def _share_shown(fitted: Fitted) -> Scalar:
+    """Share of its change that a settling model has gone in the last row of the record."""
+    return fitted.problem.plant(fitted.x)[1][fitted.problem.record.last]
+
+
 def chosen_method(result: Identification) -> str:
     """Name of the method that "auto" kept."""
-    return list(AUTO)[int(result.details["chosen"])]
+    return _CANDIDATES[int(result.details["chosen"])]
 
 
-def aicc_of(result: Identification, order_found: bool):
-    """AICc of a result over all rows of its record, infinite for a refusal.
+def aicc_of(result: Identification, order_found: bool) -> float:
+    """AICc of a result over all rows of its record, infinite for a refusal; host code.
 
     `order_found` as in `parameter_count`; a fit has counted its own.
     """
     if "aicc" in result.details:
-        value = result.details["aicc"]
+        value = float(result.details["aicc"])
     else:
-        record = result.record
-        square = jnp.sum((record.y - result.predict(record.t)) ** 2)
-        value = aicc(square, record.y.size, parameter_count(result, order_found))
-    return jnp.where(refused(result.status) | jnp.isnan(value), jnp.inf, value)
+        found = parameter_count(result, order_found)
+        with quick_compilation():
+            value = float(_aicc(result.model, filled_record(result.record), jnp.asarray(found)))
+    return np.inf if bool(refused(result.status)) or np.isnan(value) else value
+
+
+@compiled
+def _aicc(model: AbstractPlant, record: StepRecord, parameters: Count) -> Scalar:
+    record = compact(record)
+    residual = jnp.where(record.present, record.y - predict(model, record), 0)
+    return aicc(jnp.sum(residual**2), record.count, parameters)
 
 
 def parameter_count(result: Identification, order_found: bool) -> int:

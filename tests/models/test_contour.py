@@ -12,12 +12,12 @@ from mpmath import mp, mpf
 from tests import caratheodory_fejer, oracle
 
 import stepax
+from stepax._compilation import quick_compilation
 from stepax.models._contour import (
     _pairs,
     chain_derivatives,
     chain_response,
     lag_power_response,
-    quick_compilation,
 )
 
 

@@ -12,10 +12,11 @@ from rich.console import Console
 
 from stepax import FOPDT, SOPDT, EqualLag, PTn, Sani, Status, StepRecord
 from stepax._compare import Comparison, Row
+from stepax._notes import notes_of
 from stepax._result import conclude
 from stepax.methods import ROWS
 from stepax.records._labels import Labels
-from stepax.report._content import comparison_content, content, to_json, warning_sentences
+from stepax.report._content import comparison_content, content, to_json
 from stepax.report._terminal import report
 
 
@@ -60,13 +61,13 @@ def test_warnings():
     details = {name: jnp.asarray(value) for name, value in details.items()}
     model = FOPDT(T=10.0, gain=5.0, offset=20.0)
     result = identification(model, Status.not_settled, details=details)
-    sentences = warning_sentences(result)
+    sentences = notes_of(result)
     assert sentences[0] == Status[Status.not_settled] and len(sentences) == 5
     assert "3 steps in the input; this is step 1: choose with --step." in sentences
-    assert "3 steps in the input; this is step 3." in warning_sentences(result, -1)
+    assert "3 steps in the input; this is step 3." in notes_of(result, -1)
     assert any("0.32 degC" in text for text in sentences)
     assert any("0.93" in text for text in sentences)
-    assert warning_sentences(identification(FOPDT(T=10.0, gain=5.0, offset=20.0))) == []
+    assert notes_of(identification(FOPDT(T=10.0, gain=5.0, offset=20.0))) == []
     assert "Note: " + sentences[0] in text_of(report(result, "x"))
 
 
@@ -113,11 +114,11 @@ def test_what_is_uncertain_is_named():
     }
     model = FOPDT(T=300.0, gain=5.0, offset=20.0)
     result = identification(model, Status.not_identifiable, free=free, details=details)
-    text = " ".join(warning_sentences(result))
+    text = " ".join(notes_of(result))
     assert "determined by this record: gain." in text and "The dead time is at the end" in text
     assert "The fit is only" in text and "No input column" in text
     assert result.show_model() == "5 / (1 + 300 s)"
-    assert "No input column" not in " ".join(warning_sentences(identification(FOPDT(T=10.0))))
+    assert "No input column" not in " ".join(notes_of(identification(FOPDT(T=10.0))))
 
 
 def is_text(tree):

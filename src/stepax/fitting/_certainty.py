@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._arrays import Samples, Scalar, nan_where, safe_sqrt
+from .._arrays import Count, Samples, Scalar, nan_where, safe_sqrt
 from .._result import Identification
 from .._status import Status, first_problem, refused
 from ..models._abstract import COMMON, ScalarParameter
@@ -47,8 +47,8 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
     """
     problem, free, model = fitted.problem, fitted.problem.free_scalars, result.model
     root, residual = _residual(fitted, model)
-    phi = _autocorrelation(residual, len(free))
-    quantum = quantisation(problem.record.y)
+    phi = _autocorrelation(residual, problem.record.count, len(free))
+    quantum = quantisation(problem.record.y, problem.record.count)
     details = result.details | {
         "residual_autocorrelation": phi,
         "residuals_correlated": jnp.abs(phi) > 0,
@@ -179,9 +179,8 @@ def _by_name(problem: Problem, model, free, errors: Array) -> dict[str, Array]:
     return std
 
 
-def _autocorrelation(residual: Array, parameters: int) -> Scalar:
-    """Lag-1 coefficient, corrected for bias; 0 where it is not significant."""
-    count = residual.size
+def _autocorrelation(residual: Array, count: Count | int, parameters: int) -> Scalar:
+    """Lag-1 coefficient of the first `count`, corrected for bias; 0 where not significant."""
     square = jnp.sum(residual**2)
     raw = jnp.sum(residual[1:] * residual[:-1]) / jnp.where(square > 0, square, 1)
     corrected = raw + (1 + (parameters + 3) * raw) / count

@@ -8,11 +8,12 @@ where any of them can meet, are their own coordinates: the response is a symmetr
 """
 
 import math
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .._arrays import Coordinates, Scalar
+from .._arrays import Coordinates, Flag, Scalar
 from ..models._responses import MAX_REAL_ORDER
 
 
@@ -67,3 +68,26 @@ def decode_second_order(x: Coordinates, unit: Scalar) -> dict[str, Array]:
     """zeta and omega_n at coordinates."""
     zeta = 1 / jnp.sqrt(jnp.expm1(x[0]))
     return {"zeta": zeta, "omega_n": jnp.sqrt(1 + 4 * zeta**2) * jnp.exp(-x[1]) / unit}
+
+
+# Where one optimum may not be the only one
+
+
+FEW_SAMPLES = 6
+"""Length of a second lag, in sampling intervals, from which on it has one optimum."""
+
+
+class OtherStart(NamedTuple):
+    """Coordinates, how much later the response begins, and whether to search from there at all."""
+
+    x: list[Array]
+    later: Scalar
+    worthwhile: Flag
+
+
+def half_interval(x: list[Array], lag: Scalar, interval: Scalar) -> OtherStart:
+    """For a second lag that can trade places with the dead time: `x` has it at half an interval.
+
+    The dead time makes up for what the `lag` was. Only a lag shorter than some samples does so.
+    """
+    return OtherStart(x, lag - interval / 2, lag < FEW_SAMPLES * interval)

@@ -6,14 +6,14 @@ its coordinate.
 
 import abc
 import dataclasses
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
-from .._arrays import Coordinates, Flag, Scalar
+from .._arrays import Coordinates, Scalar
 from .._status import Status
 from ..models._abstract import AbstractPlant, AbstractSpreadChain
 from ..models._plants import FOPDT, IPDT, SOPDT, EqualLag, PTn, SOPDTZero
@@ -27,31 +27,13 @@ from ._coordinates import (
     LOG_ORDER,
     LOG_TIME,
     LONGEST_LAG,
+    OtherStart,
     decode_ratio,
     decode_second_order,
     encode_ratio,
     encode_second_order,
+    half_interval,
 )
-
-
-FEW_SAMPLES = 6
-"""Length of a second lag, in sampling intervals, from which on it has one optimum."""
-
-
-class OtherStart(NamedTuple):
-    """Coordinates, how much later the response begins, and whether to search from there at all."""
-
-    x: list[Array]
-    later: Scalar
-    worthwhile: Flag
-
-
-def half_interval(x: list[Array], lag: Scalar, interval: Scalar) -> OtherStart:
-    """For a second lag that can trade places with the dead time: `x` has it at half an interval.
-
-    The dead time makes up for what the `lag` was. Only a lag shorter than some samples does so.
-    """
-    return OtherStart(x, lag - interval / 2, lag < FEW_SAMPLES * interval)
 
 
 class AbstractFamily(eqx.Module):

@@ -13,9 +13,9 @@ from .._arrays import Count, Samples, Scalar
 from .._status import Status, first_problem, refused
 from ..models._abstract import AbstractPlant
 from ..models._contour import accuracy
-from ..records._record import StepRecord, usable_record
+from ..records._record import StepRecord
 from ._optimum import Optimum, optimum
-from ._problem import Problem, least_loss, weights_of
+from ._problem import Problem, least_loss, problem_data
 from ._solver import BoundedLevenbergMarquardt
 
 
@@ -61,7 +61,7 @@ def aicc(square: Scalar, count: Array | int, parameters: Array | int) -> Scalar:
     """Information criterion N ln(RSS/N) + 2 k N/(N - k - 1) (Hurvich and Tsai 1989)."""
     tiny = jnp.finfo(square.dtype).tiny
     penalty = 2 * parameters * count / jnp.maximum(count - parameters - 1, 1)
-    return count * jnp.log(jnp.maximum(square, tiny) / count) + penalty
+    return count * jnp.log(jnp.maximum(square / count, tiny)) + penalty
 
 
 def fit(
@@ -75,13 +75,14 @@ def fit(
     max_steps: int = MAX_STEPS,
 ) -> Fitted:
     """The least loss from a start; arguments as in `refine`."""
-    record_problem, safe = usable_record(record)
-    problem = Problem(safe, start, weights_of(record, weights), tuple(fixed))
+    record_problem, safe, row_weights = problem_data(record, weights)
+    problem = Problem(safe, start, row_weights, tuple(fixed))
     if solver is None:
         eps = float(jnp.finfo(safe.y.dtype).eps)
         atol = 0.5 * least_loss(safe.y.dtype, safe)
         # the cost is flat to a root of eps around its least value: beyond, digits are noise
-        solver = BoundedLevenbergMarquardt(rtol=eps**0.5, atol=atol)
+        solver = BoundedLevenbergMarquardt(rtol=eps**0.5)
+        solver = eqx.tree_at(lambda s: s.atol, solver, atol)  # traced where rows are
     if loss == "huber":
         problem, found = _robust(problem, solver, max_steps)
     else:
@@ -147,6 +148,6 @@ def best_order(
     # argmax finds the first, that is smallest, order that is near enough
     best = jnp.argmax(score <= jnp.min(score) + SAME_AICC)
     kept = jax.tree.map(lambda x: x[best], fits)
-    same = usable_record(record)[1], weights_of(record, weights)
+    same = problem_data(record, weights)[1:]
     kept = eqx.tree_at(data, kept, same, is_leaf=lambda x: x is None)
     return dataclasses.replace(kept, aicc=kept.aicc + 2, parameters=kept.parameters + 1)

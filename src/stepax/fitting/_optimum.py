@@ -121,7 +121,7 @@ def _cell(problem: Problem, delay: Array, longest: Array, cell: Count) -> tuple[
     """
     elapsed = problem.record.elapsed / problem.record.duration
     place = jnp.searchsorted(elapsed, delay, side="right") - 1 - CELLS // 2 + cell
-    index = jnp.clip(jnp.stack([place, place + 1]), 0, elapsed.size - 1)
+    index = jnp.clip(jnp.stack([place, place + 1]), 0, problem.record.last)
     left, right = jnp.clip(elapsed[index], 0, longest)
     margin = jnp.finfo(elapsed.dtype).eps ** 0.5 * (right - left)
     left = jnp.where((left > 0) & (cell >= 0), left + margin, 0)

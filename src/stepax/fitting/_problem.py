@@ -10,7 +10,13 @@ from .._arrays import Coordinates, Samples, Scalar, safe_sqrt
 from .._status import Status
 from ..models._abstract import AbstractPlant, ScalarParameter
 from ..models._contour import accuracy
-from ..records._record import MIN_SAMPLES, StepRecord, input_response, input_response_slopes
+from ..records._record import (
+    StepRecord,
+    input_response,
+    input_response_slopes,
+    usable_record,
+    with_weights,
+)
 from ._families import AbstractFamily, family_of
 from ._levels import Levels
 
@@ -266,7 +272,7 @@ class Problem(eqx.Module):
         known = self.known_levels
         if known.gain is not None or known.final is not None:
             return Status.successful
-        settled = self.model.has_settled(g[-1])
+        settled = self.model.has_settled(g[self.record.last])
         return Status.where(settled, Status.successful, Status.not_settled)
 
     def bound_status(self, x: Array) -> Status:
@@ -279,25 +285,20 @@ class Problem(eqx.Module):
         return status
 
 
-def weights_of(record: StepRecord, weights) -> Samples:
-    """Weights of the rows of a record, 1 at most, or of its stand-in where that is too short."""
-    size = max(record.y.size, MIN_SAMPLES)
-    if weights is None:
-        return jnp.ones(size, record.y.dtype)
-    weights = jnp.asarray(weights, record.y.dtype)
-    if weights.shape not in ((), record.y.shape):
-        raise ValueError(
-            f"weights need one value per row of the record, {record.y.size}, got {weights.size}."
-        )
-    largest = jnp.max(weights)
-    weights = weights / jnp.where(largest > 0, largest, 1)
-    ones = jnp.ones(size, record.y.dtype)
-    return weights * ones if weights.shape in ((), (size,)) else ones
+def problem_data(record: StepRecord, weights) -> tuple[Status, StepRecord, Samples]:
+    """Status of a record, the compact rows to fit, and their weights, 1 at most.
+
+    `weights` are those given to a fit, in the place of the record's own.
+    """
+    status, safe = usable_record(with_weights(record, weights))
+    if safe.weights is None:
+        return status, safe, jnp.where(safe.present, jnp.ones_like(safe.y), 0)
+    return status, safe, safe.weights / jnp.max(safe.weights)
 
 
-def least_loss(dtype, record: StepRecord) -> float:
+def least_loss(dtype, record: StepRecord) -> Scalar | float:
     """Sum of squares, in units of the range, that the accuracy of the responses allows."""
-    return accuracy(dtype) ** 2 * record.y.size
+    return accuracy(dtype) ** 2 * record.count
 
 
 def huber_residual(error: Samples, threshold: Scalar) -> Samples:

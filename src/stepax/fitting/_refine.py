@@ -6,6 +6,7 @@ from collections.abc import Iterable, Sequence
 import equinox as eqx
 import jax.numpy as jnp
 import optimistix as optx
+from jaxtyping import Array
 
 from .._arrays import Samples
 from .._result import Identification, conclude
@@ -67,10 +68,13 @@ def refine(
 
     if order is None:
         return concluded(fitted(model), record, errors)
-    family = family_of(model)
-    found = best_order(
-        record, weights, check_orders(orders), lambda n: fitted(family.with_order(n))
-    )
+
+    def fit_order(n: Array) -> Fitted:
+        other = family_of(model).with_order(n)
+        assert other is not None  # `check_options` has asked
+        return fitted(other)
+
+    found = best_order(record, weights, check_orders(orders), fit_order)
     return concluded(found, record, errors)
 
 

@@ -24,7 +24,7 @@ from ._lookup import (
     sani_t10_t50_t90,
     sani_tu_tg,
 )
-from ._method import Method, compiled
+from ._method import Method, compiled_method
 from ._tables import LATZEL_LEVELS, latzel, strejc
 from ._tangents import ONE_LAG, oldenbourg_sartorius, tangent_63, ziegler_nichols_tangent
 from ._three_points import (
@@ -104,7 +104,7 @@ _ROWS: dict[Callable[..., Identification], Method] = {
 }
 
 METHODS: dict[str, Callable[..., Identification]] = {
-    method.__name__: compiled(method) for method in _ROWS
+    method.__name__: compiled_method(method) for method in _ROWS
 }
 """Every method by its name, compiled; an option that is a Python or NumPy number is static."""
 

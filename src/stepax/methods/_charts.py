@@ -65,7 +65,7 @@ def two_lags(reading: Reading, chart: Chart, time: Scalar, start: Scalar, exact:
 
     def point(shape: Scalar) -> tuple[Scalar, Scalar]:
         at = start + height_at * total(shape)
-        return at, interpolated(t, relative, at)
+        return at, interpolated(t, relative, at, safe.count)
 
     def excess(shape: Scalar) -> Scalar:
         return unit_response(height_at, shape) - point(shape)[1]

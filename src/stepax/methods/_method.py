@@ -2,15 +2,15 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, get_args
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from .._compilation import compiled
 from .._result import Identification
 from ..models._abstract import AbstractPlant
 from ..records._record import StepRecord
@@ -52,26 +52,33 @@ TRACED = ("delay", "weights")
 """Options that may hold arrays: another value of them compiles nothing anew."""
 
 
-def compiled(method: Callable[..., Identification]) -> Callable[..., Identification]:
+def compiled_method(method: Callable[..., Identification]) -> Callable[..., Identification]:
     """`method`, compiled: `delay` is traced, in the record's dtype; other numbers are static.
 
     An option that the method does not have is a `ValueError`.
     """
-    call, known = eqx.filter_jit(method), option_names(method)
+    call, known = compiled(method), option_names(method)
 
     @functools.wraps(method)
     def run(record: StepRecord, **options: Any) -> Identification:
-        for name in options:
-            if name not in known:
-                raise ValueError(
-                    f"Method {method.__name__!r} has no option {name!r}; it has {', '.join(known)}."
-                )
-        options = {k: x if k in TRACED else _static(x) for k, x in options.items()}
-        if isinstance(options.get("delay"), int | float | np.generic | np.ndarray | jax.Array):
-            options["delay"] = jnp.asarray(options["delay"], record.t.dtype)
-        return call(record, **options)
+        return call(record, **prepared(method.__name__, known, record, options))
 
     return run
+
+
+def prepared(
+    method: str, known: Sequence[str], record: StepRecord, options: dict[str, Any]
+) -> dict[str, Any]:
+    """Options as a compiled method takes them; a `ValueError` for one that it does not have."""
+    for name in options:
+        if name not in known:
+            raise ValueError(
+                f"Method {method!r} has no option {name!r}; it has {', '.join(known)}."
+            )
+    options = {k: x if k in TRACED else _static(x) for k, x in options.items()}
+    if isinstance(options.get("delay"), int | float | np.generic | np.ndarray | jax.Array):
+        options["delay"] = jnp.asarray(options["delay"], record.t.dtype)
+    return options
 
 
 def option_names(method: Callable[..., Any]) -> tuple[str, ...]:

@@ -79,7 +79,12 @@ class Reading:
         self.initial, self.final = levels_of(safe)
         y = smoothed(safe, span)
         self.record = record
-        self.safe = StepRecord(safe.t, y, safe.step_time, safe.step_size, self.initial, self.final)
+        self.safe = eqx.tree_at(
+            lambda r: (r.y, r.initial, r.final),
+            safe,
+            (y, self.initial, self.final),
+            is_leaf=lambda x: x is None,
+        )
         self.delay = jnp.asarray(delay, record.t.dtype)
         self.details: dict[str, Array] = {}
         self._statuses = [problem]

@@ -14,7 +14,7 @@ from .._arrays import Scalar
 from ..models._plants import FOPDT, IPDT, SOPDT, SOPDTZero
 from ..models._spread import chain_with_spread
 from ..records._characterise import levels
-from ..records._preprocess import sliding_average
+from ..records._preprocess import moving_mean, sliding_average
 from ..records._record import StepRecord, usable_record
 
 
@@ -86,8 +86,8 @@ def zero_start(record: StepRecord, fixed: Sequence[str]) -> SOPDTZero:
     far = jnp.abs(y - initial) > 0.05 * (jnp.max(y) - jnp.min(y))
     onset = jnp.where(jnp.any(far), safe.elapsed[jnp.argmax(far & (safe.elapsed > 0))], 0)
     latest = onset + safe.duration / 50  # half of what is averaged over
-    step = -(-y.size // ROWS)
-    t, y = safe.elapsed[::step], safe.y[::step] - jnp.mean(safe.y[::step])
+    rows = np.arange(ROWS) * safe.count // ROWS
+    t, y = safe.elapsed[rows], safe.y[rows] - jnp.mean(safe.y[rows])
 
     def regression(shape: Array, delay: Scalar) -> tuple[Scalar, SOPDTZero]:
         """Squared error of the best gain and lead, and the plant that has them."""
@@ -137,7 +137,7 @@ def integrating_start(record: StepRecord, fixed: Sequence[str]) -> IPDT:
     """The line through the last half of the record meets the initial level at T + L."""
     _, safe = usable_record(record)
     initial, _ = levels(safe)
-    t, late = safe.elapsed, safe.elapsed >= 0.5 * safe.duration
+    t, late = safe.elapsed, (safe.elapsed >= 0.5 * safe.duration) & safe.present
     count = jnp.sum(late)
     middle, height = jnp.sum(t * late) / count, jnp.sum(safe.y * late) / count
     spread = jnp.sum((t - middle) ** 2 * late)
@@ -153,7 +153,11 @@ def _delay(estimate: Scalar, fixed: Sequence[str]) -> Scalar:
 
 
 def _averaged(record: StepRecord) -> Array:
-    return sliding_average(record.y, max(1, record.y.size // 25))
+    """The output, averaged over a 25th of the rows."""
+    if isinstance(record.count, int):
+        return sliding_average(record.y, max(1, record.count // 25))
+    mean = moving_mean(record.y, jnp.maximum(1, record.count // 25), record.count)
+    return jnp.where(record.present, mean, mean[record.last])
 
 
 def _start_times(record: StepRecord) -> tuple[Scalar, Scalar]:
@@ -161,9 +165,9 @@ def _start_times(record: StepRecord) -> tuple[Scalar, Scalar]:
     _, safe = usable_record(record)
     initial, final = levels(safe)
     y = (_averaged(safe) - initial) * jnp.sign(final - initial)
-    t = safe.t - safe.step_time
+    t = safe.elapsed
     early, late = (
         t[jnp.argmax((y >= q * jnp.abs(final - initial)) & (t > 0))] for q in START_LEVELS
     )
-    early = jnp.maximum(early, 1e-3 * t[-1])
+    early = jnp.maximum(early, 1e-3 * safe.duration)
     return jax.lax.stop_gradient((early, jnp.maximum(late, 1.05 * early)))

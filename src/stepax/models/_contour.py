@@ -16,7 +16,6 @@ up to eight lags of any ratio and any t >= 0. Far tails have no relative accurac
 """
 
 import functools
-from contextlib import AbstractContextManager
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +24,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 from .._arrays import Lags, Samples, Scalar
+from .._compilation import LOOPED
 
 
 # Caratheodory-Fejer poles and weights of type (2k - 1, 2k) for k conjugate pairs, computed at 60
@@ -56,20 +56,6 @@ _PAIRS_10 = (
 def _pairs(dtype) -> tuple[tuple[complex, complex], ...]:
     """The pairs of pole and weight that give the smallest error in `dtype`."""
     return _PAIRS_5 if jnp.finfo(dtype).bits <= 32 else _PAIRS_10
-
-
-_LOOPED = jax.make_user_context(False)
-"""Whether the poles are looped over: part of the key under which JAX keeps what it compiled."""
-
-
-def quick_compilation() -> AbstractContextManager[None]:
-    """Within it, the sum over the poles is compiled as a loop and not written out.
-
-    For a process that identifies a few records and ends: it compiles several times faster and
-    runs up to five times slower. Results are the same to rounding. It holds for the thread that
-    enters it; functions that were compiled outside are compiled anew inside, and kept outside.
-    """
-    return _LOOPED(True)
 
 
 def accuracy(dtype) -> float:
@@ -145,7 +131,7 @@ def chain_derivatives(
         [pole, *(weight * pole**m for m in range(highest + 1))]
         for pole, weight in _pairs(totals[0].dtype)
     ]
-    if _LOOPED.value:  # read while tracing; `test_a_change_of_form_is_traced_anew`
+    if LOOPED.value:  # read while tracing; `test_a_change_of_form_is_traced_anew`
         rows = np.array([[(z.real, z.imag) for z in pair] for pair in pairs])
         rows = jnp.asarray(rows, totals[0].dtype)
         totals, _ = jax.lax.scan(lambda x, row: (add(x, row), None), totals, rows)

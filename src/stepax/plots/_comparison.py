@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ..models._abstract import AbstractPlant
 from ..models._notation import number
 from ..records._labels import Units
-from ..records._record import StepRecord
+from ..records._record import StepRecord, rows_that_count
 from ._model import EDGE, RECORD, Picture, draw_model, draw_record, finish, literal, response_panels
 
 
@@ -65,6 +65,7 @@ def plot_comparison(
     - `entries`: best first; the ranking has all of them, `count` (at most 7) are drawn.
     - `size`: of the figure, in inches.
     """
+    record = rows_that_count(record)
     drawn = list(zip(entries[:count], LOOKS, strict=False))
     height = max(5.5, 1.6 + 0.19 * len(entries))
     figure = Picture(figsize=size or (11.0, height), dpi=150, layout="constrained")

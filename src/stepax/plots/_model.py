@@ -6,16 +6,16 @@ from the others in lightness or style, so that a print in grey can be read.
 
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from .._compilation import compiled, quick_compilation, rung
 from ..models._abstract import AbstractPlant
 from ..models._notation import number
 from ..records._labels import Labels, unit_of
-from ..records._record import StepRecord, predict
+from ..records._record import StepRecord, predict, rows_that_count
 
 
 RECORD, MODEL, EDGE, SHADE = "0.55", "#0b2a4a", "0.35", "0.90"
@@ -47,6 +47,7 @@ def plot_model(
 
     Without a model, the record alone.
     """
+    record = rows_that_count(record)
     figure = Picture(figsize=size, dpi=150, layout="constrained")
     response, residuals = response_panels(figure, record.labels)
     draw_record(response, record)
@@ -91,8 +92,8 @@ def draw_model(
     start, stop = float(record.t[0]), float(record.t[-1])
     kink = float(record.step_time + model.delay)
     grid = np.sort(np.append(np.linspace(start, stop, GRID), np.clip(kink, start, stop)))
-    times = jnp.concatenate([record.t, jnp.asarray(grid, record.t.dtype)])
-    modelled = np.asarray(eqx.filter_jit(predict)(model, record.plain, times))
+    times = np.concatenate([record.t, grid]).astype(record.t.dtype)
+    modelled = predicted(model, record, times)
     at_rows, on_grid = modelled[: record.t.size], modelled[record.t.size :]
     look = {"linewidth": 1.5, "zorder": 3} | look
     response.plot(grid, on_grid, label=literal(label), **look)
@@ -101,6 +102,19 @@ def draw_model(
     else:
         look["linewidth"] = 0.9
     residuals.plot(record.t, np.asarray(record.y) - at_rows, **look)
+
+
+def predicted(model: AbstractPlant, record: StepRecord, times: np.ndarray) -> np.ndarray:
+    """Output of a model at times, filled up to a rung: other lengths seldom compile anew."""
+    filled = jnp.asarray(np.pad(times, (0, rung(times.size) - times.size), mode="edge"))
+    with quick_compilation():
+        return np.asarray(_predict(model, record.step_time, record.step_size, filled))[: times.size]
+
+
+@compiled
+def _predict(model: AbstractPlant, step_time, step_size, times):
+    record = StepRecord(times, times, step_time, step_size)
+    return predict(model, record)
 
 
 def _shade_delay(response: Axes, residuals: Axes, record: StepRecord, delay: float) -> None:

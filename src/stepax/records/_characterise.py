@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
-from .._arrays import Samples, Scalar, as_real
-from ._preprocess import estimate_levels, lagrange_weights, smooth
-from ._record import StepRecord
+from .._arrays import Count, Samples, Scalar, as_real
+from ._preprocess import estimate_levels, lagrange_weights, loess
+from ._record import StepRecord, compact
 
 
 class Tangent(NamedTuple):
@@ -31,7 +31,7 @@ class Tangent(NamedTuple):
 
 def levels(record: StepRecord) -> tuple[Scalar, Scalar]:
     """Initial and final level: those of the record where known, else estimated."""
-    initial, final = estimate_levels(record.t, record.y, record.step_time)
+    initial, final = estimate_levels(record.t, record.y, record.step_time, record.count)
     return (
         initial if record.initial is None else record.initial,
         final if record.final is None else record.final,
@@ -40,7 +40,10 @@ def levels(record: StepRecord) -> tuple[Scalar, Scalar]:
 
 def smoothed(record: StepRecord, span: float | None) -> Samples:
     """The record's output, after LOESS where a `span` is given."""
-    return record.y if span is None else smooth(record.t, record.y, span)
+    if span is None:
+        return record.y
+    y = loess(record.t, record.y, record.t, span, record.count)
+    return y if record.rows is None else jnp.where(record.present, y, y[record.last])
 
 
 def relative_response(record: StepRecord, span: float | None = None) -> Samples:
@@ -48,7 +51,7 @@ def relative_response(record: StepRecord, span: float | None = None) -> Samples:
     initial, final = levels(record)
     change = final - initial
     y = (smoothed(record, span) - initial) / jnp.where(change == 0, jnp.nan, change)
-    return jnp.where(record.after_step, y, 0)
+    return jnp.where(record.elapsed >= 0, y, 0)
 
 
 @eqx.filter_jit
@@ -69,31 +72,32 @@ def crossing_times(
     largest value, the middle between the first and the last upward crossing; later returns through
     a level (oscillation) do not count. NaN where the response never crosses.
     """
+    record = compact(record)
     q = as_real(levels).astype(record.t.dtype)
-    y = relative_response(record, span)
-    t = record.t - record.step_time
-    times = jax.vmap(lambda level: _crossing(t, y, level))(jnp.atleast_1d(q))
+    y, t, count = relative_response(record, span), record.elapsed, record.count
+    times = jax.vmap(lambda level: _crossing(t, y, level, count))(jnp.atleast_1d(q))
     return times.reshape(q.shape)
 
 
-def _crossing(t: Samples, y: Samples, level: Scalar) -> Scalar:
+def _crossing(t: Samples, y: Samples, level: Scalar, count: Count | int) -> Scalar:
     rows = jnp.arange(y.shape[0] - 1)
     upward = (y[:-1] < level) & (y[1:] >= level) & (rows < jnp.argmax(y))
     first = jnp.argmax(upward)
     last = y.shape[0] - 2 - jnp.argmax(upward[::-1])
-    times = jax.vmap(lambda row: _interpolate(t, y, row, level))(jnp.stack([first, last]))
+    times = jax.vmap(lambda row: _interpolate(t, y, row, level, count))(jnp.stack([first, last]))
     return jnp.where(jnp.any(upward), jnp.mean(times), jnp.nan)
 
 
 def cubic_at(
-    t: Samples, y: Samples, row: Int[Array, "*shape"]
+    t: Samples, y: Samples, row: Int[Array, "*shape"], count: Count | int
 ) -> Callable[[Float[Array, "*shape"]], Float[Array, "*shape"]]:
     """The cubic through the four samples around the interval from `row` to the next, as a function.
 
-    The samples all lie at or after the step (t = 0), whose kink no polynomial follows.
+    The samples are of the first `count`, and all lie at or after the step (t = 0), whose kink no
+    polynomial follows.
     """
-    first_row = jnp.minimum(jnp.argmax(t >= 0), y.shape[0] - 4)
-    start = jnp.clip(row - 1, first_row, y.shape[0] - 4)
+    first_row = jnp.minimum(jnp.argmax(t >= 0), count - 4)
+    start = jnp.clip(row - 1, first_row, count - 4)
     nodes = [t[start + k] for k in range(4)]
     values = [y[start + k] for k in range(4)]
 
@@ -105,10 +109,10 @@ def cubic_at(
     return value
 
 
-def _interpolate(t: Samples, y: Samples, row: Array, level: Scalar) -> Scalar:
+def _interpolate(t: Samples, y: Samples, row: Array, level: Scalar, count: Count | int) -> Scalar:
     """Where the cubic around `row` has a level between `row` and the next."""
     low, high = t[row], t[row + 1]
-    cubic = cubic_at(t, y, row)
+    cubic = cubic_at(t, y, row, count)
 
     def distance(x):
         return cubic(x) - level
@@ -138,16 +142,18 @@ def value_at(record: StepRecord, time: Float[ArrayLike, ""], span: float | None 
     By the cubic through the four nearest samples, like `crossing_times`. 0 up to the step, NaN
     beyond the record. `span` smooths with LOESS first.
     """
-    t = record.t - record.step_time
-    return interpolated(t, relative_response(record, span), jnp.asarray(time, t.dtype))
+    record = compact(record)
+    y = relative_response(record, span)
+    return interpolated(record.elapsed, y, jnp.asarray(time, y.dtype), record.count)
 
 
-def interpolated(t: Samples, y: Samples, time: Scalar) -> Scalar:
+def interpolated(t: Samples, y: Samples, time: Scalar, count: Count | int) -> Scalar:
     """`value_at` on plain arrays: `t` from the step, `y` a share of the change."""
-    inside = (time > 0) & (time <= t[-1])
-    safe = jnp.where(inside, time, t[-1])
-    row = jnp.clip(jnp.searchsorted(t, safe, side="right") - 1, 0, t.shape[0] - 2)
-    value = cubic_at(t, y, row)(safe)
+    end = t[count - 1]
+    inside = (time > 0) & (time <= end)
+    safe = jnp.where(inside, time, end)
+    row = jnp.clip(jnp.searchsorted(t, safe, side="right") - 1, 0, count - 2)
+    value = cubic_at(t, y, row, count)(safe)
     return jnp.where(inside, value, jnp.where(time <= 0, 0, jnp.nan))
 
 
@@ -160,17 +166,18 @@ def tangent(record: StepRecord, span: float | None = None) -> Tangent:
     interval). `span` smooths with LOESS first: noise makes slopes useless without it. NaN where
     there is no rise.
     """
+    record = compact(record)
     initial, final = levels(record)
-    t, y = record.t - record.step_time, smoothed(record, span) - initial
+    t, y = record.elapsed, smoothed(record, span) - initial
     direction = jnp.where(final >= initial, 1, -1)
-    count = y.shape[0]
+    count, rows = record.count, jnp.arange(y.size)
     first_row = jnp.minimum(jnp.argmax(record.after_step), count - 5)
-    starts = jnp.clip(jnp.arange(count) - 2, first_row, count - 5)
+    starts = jnp.clip(rows - 2, first_row, count - 5)
 
     def slope_at(row):
         return _quartic(t, y, starts[row], t[row])[1]
 
-    slopes = jax.vmap(slope_at)(jnp.arange(count))
+    slopes = jax.vmap(slope_at)(rows)
     row = jnp.argmax(jnp.where(record.after_step, direction * slopes, -jnp.inf))
 
     def curvature(x):
@@ -215,9 +222,9 @@ def integrals(
     the sampling interval, 1e-9 or less for 2000 samples over ten sums of the lags, where the
     trapezoid rule has 3e-6; of second order across the kink of a dead time.
     """
-    t, y = safe.t - safe.step_time, relative_response(safe)
-    last = t[-1] if upper is None else jnp.clip(upper, 0, t[-1])
-    cubic = cubic_at(t, y, jnp.arange(t.shape[0] - 1))
+    t, y, end = safe.elapsed, relative_response(safe), safe.duration
+    last = end if upper is None else jnp.clip(upper, 0, end)
+    cubic = cubic_at(t, y, jnp.arange(t.shape[0] - 1), safe.count)
     a, b = jnp.clip(t[:-1], 0, last), jnp.clip(t[1:], 0, last)
     totals = [jnp.zeros_like(last)] * len(powers)
     for node, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True):

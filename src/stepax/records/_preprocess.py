@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._arrays import Samples, Scalar, as_real
+from .._arrays import Count, Samples, Scalar, as_real
 
 
 def smooth(
@@ -21,29 +21,40 @@ def smooth(
     fifth of the record.
     """
     t, y = _pair(t, y)
-    return _loess(t, y, t, span)
+    return loess(t, y, t, span)
 
 
-def _loess(t: Samples, y: Samples, at: Samples, span: float) -> Samples:
-    count = _window(t.shape[0], span)
+def loess(
+    t: Samples, y: Samples, at: Samples, span: float, count: Count | int | None = None
+) -> Samples:
+    """`smooth` at the times `at`, from the first `count` samples."""
+    samples = t.shape[0]
+    longest = window = _window(samples, span)
+    if count is not None and not isinstance(count, int):
+        # A table, since a product in single precision may round up to another whole number.
+        table = np.maximum(4, np.ceil(span * np.arange(samples + 1)))
+        window = jnp.asarray(table.astype(int))[count]
+    count = samples if count is None else count
     # In sorted times the nearest samples are contiguous; the window moves on when its first
     # sample is farther away than the one after its last.
-    starts = jnp.searchsorted(t[:-count] + t[count:], 2 * at) if count < t.shape[0] else 0 * at
-    starts = jnp.asarray(starts, int)
-    reach = jnp.maximum(at - t[starts], t[starts + count - 1] - at)
+    place = jnp.arange(samples)
+    after = t[jnp.minimum(place + window, samples - 1)]
+    starts = jnp.searchsorted(jnp.where(place + window < count, t + after, jnp.inf), 2 * at)
+    reach = jnp.maximum(at - t[starts], t[jnp.minimum(starts + window, samples) - 1] - at)
     reach = jnp.where(reach > 0, reach, 1)
 
     def add(sums, k):
-        x = (t[starts + k] - at) / reach
-        moment = (1 - jnp.minimum(jnp.abs(x), 1) ** 3) ** 3
+        row = jnp.minimum(starts + k, samples - 1)
+        x = (t[row] - at) / reach
+        moment = jnp.where(k < window, (1 - jnp.minimum(jnp.abs(x), 1) ** 3) ** 3, 0)
         moments = [moment]
         for _ in range(4):
             moment = moment * x
             moments.append(moment)
-        terms = [*moments, *(m * y[starts + k] for m in moments[:3])]
+        terms = [*moments, *(m * y[row] for m in moments[:3])]
         return [total + term for total, term in zip(sums, terms, strict=True)], None
 
-    sums, _ = jax.lax.scan(add, [jnp.zeros_like(at * y[0])] * 8, jnp.arange(count))
+    sums, _ = jax.lax.scan(add, [jnp.zeros_like(at * y[0])] * 8, jnp.arange(longest))
     s0, s1, s2, s3, s4, r0, r1, r2 = sums
     # The normal equations, eliminated from the quadratic coefficient down to the constant.
     a, b = s3 / s4, s2 / s4
@@ -106,7 +117,7 @@ def preprocess(
     t, y = _pair(t, y)
     at = jnp.linspace(t[0], t[-1], t.shape[0], dtype=t.dtype) if equispaced else t
     if smoother == "loess":
-        return at, _loess(t, y, at, span)
+        return at, loess(t, y, at, span)
     if smoother == "average":
         return at, sliding_average(jnp.interp(at, t, y), width)
     raise ValueError(f"smoother must be 'loess' or 'average', got {smoother!r}.")
@@ -132,6 +143,17 @@ def lagrange_weights(nodes: list[Array], x: Array) -> list[Array]:
     return weights
 
 
+def moving_mean(y: Samples, width: Count | int, count: Count | int) -> Samples:
+    """`sliding_average` of the first `count` samples, whose width may be traced; 0 beyond them."""
+    place = jnp.arange(y.shape[0])
+    half = jnp.minimum(width // 2, count - 1)
+    first, last = jnp.maximum(place - half, 0), jnp.minimum(place + half, count - 1)
+    # of deviations from the first sample, whose sums stay small
+    total = jnp.append(jnp.zeros_like(y[:1]), jnp.cumsum(jnp.where(place < count, y - y[0], 0)))
+    mean = y[0] + (total[last + 1] - total[first]) / (last + 1 - first)
+    return jnp.where(place < count, mean, 0)
+
+
 def noise_level(t: Float[ArrayLike, " samples"], y: Float[ArrayLike, " samples"]) -> Scalar:
     r"""Standard deviation of the noise, from what neighbours do not predict.
 
@@ -141,38 +163,54 @@ def noise_level(t: Float[ArrayLike, " samples"], y: Float[ArrayLike, " samples"]
     noise-free record about $h^4 |y''''|/6$ remains. Coloured noise is underestimated.
     """
     t, y = _pair(t, y)
+    return noise_of(t, y, t.shape[0])
+
+
+def noise_of(t: Samples, y: Samples, count: Count | int) -> Scalar:
+    """`noise_level` of the first `count` samples."""
     nodes = [t[:-4], t[1:-3], t[3:-1], t[4:]]
     values = [y[:-4], y[1:-3], y[3:-1], y[4:]]
     weights = lagrange_weights(nodes, t[2:-2])
     predicted = sum(w * v for w, v in zip(weights, values, strict=True))
     scale = jnp.sqrt(1 + sum(w * w for w in weights))
-    return jnp.sqrt(jnp.mean(((y[2:-2] - predicted) / scale) ** 2))
+    square = ((y[2:-2] - predicted) / scale) ** 2
+    inside = jnp.arange(square.shape[0]) < count - 4
+    return jnp.sqrt(jnp.sum(jnp.where(inside, square, 0)) / (count - 4))
 
 
-def quantisation(y: Samples) -> Scalar:
+def quantisation(y: Samples, count: Count | int | None = None) -> Scalar:
     """Smallest step between distinct values of a quantised signal; 0 for any other.
 
-    A signal counts as quantised when fewer than a third of its samples are distinct values.
+    A signal counts as quantised when fewer than a third of its samples are distinct values. Samples
+    from `count` on repeat another one.
     """
     ordered = jnp.sort(y)
     gaps = jnp.diff(ordered)
     span = ordered[-1] - ordered[0]
     distinct = gaps > 1e-6 * span
     smallest = jnp.min(jnp.where(distinct, gaps, jnp.inf))
-    few = 3 * (jnp.sum(distinct) + 1) < y.shape[0]
+    few = 3 * (jnp.sum(distinct) + 1) < (y.shape[0] if count is None else count)
     return jnp.where(few & jnp.isfinite(smallest), smallest, 0)
 
 
-def estimate_levels(t: Samples, y: Samples, step_time: Scalar) -> tuple[Scalar, Scalar]:
-    """Levels before the step and at the end of the record.
+def estimate_levels(
+    t: Samples, y: Samples, step_time: Scalar, count: Count | int | None = None
+) -> tuple[Scalar, Scalar]:
+    """Levels before the step and at the end of the record, of its first `count` samples.
 
     Initial: the mean of all samples up to and including the step (the output is continuous
     there). Final: the mean of the last 5 % of the samples; of a noise-free record, whose noise
     estimate is below 1e-4 of its range, the last sample alone, which is nearer to the limit.
+    Samples from `count` on come after the step and repeat the last one.
     """
+    samples = y.shape[0]
+    count = samples if count is None else count
     before = t <= step_time
-    count = jnp.maximum(jnp.sum(before), 1)
-    initial = jnp.where(jnp.any(before), jnp.sum(jnp.where(before, y, 0)) / count, y[0])
-    tail = y[-max(1, math.ceil(0.05 * y.shape[0])) :]
-    clean = noise_level(t, y) < 1e-4 * (jnp.max(y) - jnp.min(y))
-    return initial, jnp.where(clean, y[-1], jnp.mean(tail))
+    initial = jnp.sum(jnp.where(before, y, 0)) / jnp.maximum(jnp.sum(before), 1)
+    initial = jnp.where(jnp.any(before), initial, y[0])
+    table = np.maximum(1, np.ceil(0.05 * np.arange(samples + 1))).astype(int)
+    tail = int(table[count]) if isinstance(count, int) else jnp.asarray(table)[count]
+    place = jnp.arange(samples)
+    end = (place >= count - tail) & (place < count)
+    clean = noise_of(t, y, count) < 1e-4 * (jnp.max(y) - jnp.min(y))
+    return initial, jnp.where(clean, y[-1], jnp.sum(jnp.where(end, y, 0)) / tail)

@@ -2,10 +2,14 @@
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+
+if TYPE_CHECKING:
+    from .._identify_each import Identifications, Outcome
 
 
 class Outputs(NamedTuple):
@@ -69,3 +73,52 @@ def _replace(contents: dict[Path, bytes]) -> None:
     finally:
         for written in temporary.values():
             written.unlink(missing_ok=True)
+
+
+# Of several files
+
+
+def check_folder(folder: Path | None) -> None:
+    """Refuse a folder for pictures that cannot be written to."""
+    if folder is None:
+        return
+    if folder.exists() and not folder.is_dir():
+        raise OSError(f"{folder} is no folder: of several files each picture is a file in it.")
+    if not folder.exists() and not folder.parent.is_dir():
+        raise FileNotFoundError(f"There is no folder {folder.parent} to make {folder.name} in.")
+    place = folder if folder.exists() else folder.parent
+    if not os.access(place, os.W_OK):
+        raise PermissionError(f"The folder {place} cannot be written to.")
+
+
+def check_table(path: Path | None, sources: list[Path]) -> None:
+    """Refuse a table that cannot be written, or that is one of the records."""
+    if path is None:
+        return
+    for source in sources:
+        Outputs(None, path).check(source)
+
+
+def write_pictures(outcomes: "Sequence[Outcome]", folder: Path | None) -> list[Path]:
+    """A picture of each model, named after its file; files of one name are told apart by number."""
+    if folder is None:
+        return []
+    folder.mkdir(exist_ok=True)
+    written: list[Path] = []
+    for file in outcomes:
+        if not file.has_model or file.result is None:
+            continue
+        name = Path(file.source).stem
+        same = sum(path.stem.rpartition("_")[0] == name or path.stem == name for path in written)
+        path = folder / (f"{name}_{same + 1}.png" if same else f"{name}.png")
+        _replace({path: _picture(file.result.plot(), "png")})
+        written.append(path)
+    return written
+
+
+def write_table(found: "Identifications", path: Path | None) -> list[Path]:
+    """The table of all files as CSV."""
+    if path is None:
+        return []
+    _replace({path: found.to_frame().to_csv(index=False).encode()})
+    return [path]

@@ -1,0 +1,78 @@
+"""How functions are compiled: in full or quickly, for which lengths, one by one or side by side."""
+
+import functools
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from typing import Any
+
+import equinox as eqx
+import jax
+from jax.core import Tracer
+
+
+LOOPED = jax.make_user_context(False)
+"""Whether to compile quickly: part of the key under which JAX keeps what it compiled."""
+
+QUICK: dict[str, Any] = {
+    "xla_backend_optimization_level": 0,
+    "xla_llvm_disable_expensive_passes": True,
+}
+if jax.__version_info__[:2] == (0, 10):  # an XLA that does not know an option refuses to compile
+    QUICK["xla_cpu_use_fusion_emitters"] = False
+
+
+def quick_compilation() -> AbstractContextManager[None]:
+    """Within it, the sum over the poles of the contour is compiled as a loop and not written out.
+
+    What `compiled` has made is compiled with few optimisations, too. For a process that identifies
+    a few records: it compiles several times faster and runs up to five times slower. Results are
+    the same to rounding. It holds for the thread that enters it; functions that were compiled
+    outside are compiled anew inside, and kept outside.
+    """
+    return LOOPED(True)
+
+
+def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`function`, compiled; within `quick_compilation`, and outside of a trace, quickly."""
+    full, quick = eqx.filter_jit(function), eqx.filter_jit(function, compiler_options=QUICK)
+
+    @functools.wraps(function)
+    def run(*args: Any, **kwargs: Any) -> Any:
+        quickly = LOOPED.value and not is_traced((args, kwargs))
+        return (quick if quickly else full)(*args, **kwargs)
+
+    return run
+
+
+def is_traced(tree: Any) -> bool:
+    """Whether a value is part of a computation that JAX is tracing."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def rung(size: int) -> int:
+    """The least length of a ladder that holds so many rows: 8, 12, 17, 24, 33, 45, 61, 82, ...
+
+    Each is at most a third longer than any record it holds, so that records of other lengths seldom
+    compile anew.
+    """
+    length = 8
+    while length < size:
+        length = 4 * (length + 1) // 3
+    return length
+
+
+def side_by_side(tasks: Iterable[Callable[[], Any]]) -> list[Any]:
+    """Results of tasks, each in a thread: compiling, most of a first answer, uses all cores.
+
+    A thread does not inherit the context of its maker: each enters it again.
+    """
+    looped = LOOPED.value
+
+    def run(task: Callable[[], Any]) -> Any:
+        with LOOPED(looped):
+            return task()
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(run, tasks))

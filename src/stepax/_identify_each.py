@@ -1,0 +1,146 @@
+"""The front door for many records: a row for each, also for those that cannot be used."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ._identify import chosen_method, identify
+from ._notes import notes_of
+from ._result import Identification
+from ._status import Status, refused, status_name
+from .records._read import read_record
+from .records._record import StepRecord
+
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+BAD_INPUT = (ValueError, TypeError, KeyError, OSError, ImportError)
+"""What is raised for a record that cannot be used, always with a sentence."""
+
+
+class Outcome(NamedTuple):
+    """What became of one record: its source, the method kept, the result, or why there is none.
+
+    `result` is None where the record could not be read; `reason` is empty where there is a model.
+    """
+
+    source: str
+    method: str
+    result: Identification | None
+    reason: str
+
+    @property
+    def has_model(self) -> bool:
+        """Whether there is a model."""
+        return not self.reason
+
+    def row(self) -> dict[str, Any]:
+        """One row of a table: numbers by name, what is not there left out."""
+        row: dict[str, Any] = {"source": self.source, "method": self.method}
+        if self.result is None:
+            return row | {"status": "unreadable", "notes": self.reason}
+        result = self.result
+        row |= {"model": type(result.model).__name__, "status": status_name(result.status)}
+        if not self.has_model:
+            return row | {"notes": self.reason}
+        for scalar in result.model.scalars:
+            place = () if scalar.place is None else scalar.place
+            std = np.asarray(result.std[scalar.name])
+            row[scalar.label] = float(np.asarray(getattr(result.model, scalar.name))[place])
+            row[f"{scalar.label}_std"] = float(std[place] if std.ndim else std)
+        order = getattr(result.model, "n", None)
+        if order is not None and "n" not in row:
+            row["n"] = int(order)
+        figures = {"fit_percent": result.fit_percent, "rmse": result.rmse, "J": result.J}
+        row |= {name: float(x) for name, x in figures.items()}
+        return row | {"notes": " ".join(notes_of(result))}
+
+
+class Identifications(Sequence):
+    """Results of many records, in their order; None for one that could not be read.
+
+    `outcomes` has the reasons too, `to_frame()` a row for each record.
+    """
+
+    def __init__(self, outcomes: Iterable[Outcome]):
+        self.outcomes = tuple(outcomes)
+
+    def __len__(self) -> int:
+        return len(self.outcomes)
+
+    def __getitem__(self, place):
+        if isinstance(place, slice):
+            return Identifications(self.outcomes[place])
+        return self.outcomes[place].result
+
+    def to_frame(self) -> "pd.DataFrame":
+        """One row a record: source, method, model, status, parameters and standard errors, notes.
+
+        Parameters that a model does not have are NaN.
+        """
+        import pandas as pd
+
+        return pd.DataFrame([outcome.row() for outcome in self.outcomes])
+
+
+def identify_each(
+    records: Iterable[StepRecord | str | PathLike],
+    method: str = "auto",
+    progress: bool = False,
+    **options: Any,
+) -> Identifications:
+    """Models of many records, of any lengths: one compilation serves all of nearly equal length.
+
+    **Arguments:**
+
+    - `records`: records or paths of files for `read_record`, a list or a generator.
+    - `method`, `options`: as in `identify`, the same for all.
+    - `progress`: show a progress bar on stderr.
+
+    **Returns:** a list-like of `Identification`s with `.to_frame()`. A record that cannot be used
+    is a row with its reason, never the end of the loop. A wrong method or option raises, as in
+    `identify`.
+    """
+    known = list(records) if progress else records
+    return Identifications(each_of(map(_source_and_reader, known), method, progress, options))
+
+
+def _source_and_reader(record: StepRecord | str | PathLike) -> tuple[str, Callable[[], StepRecord]]:
+    if isinstance(record, StepRecord):
+        return record.labels.source, lambda: record
+    if not isinstance(record, str | PathLike):
+        raise TypeError(f"identify_each takes records and paths, got {type(record).__name__}.")
+    return Path(record).name, partial(read_record, record)
+
+
+def each_of(
+    readers: Iterable[tuple[str, Callable[[], StepRecord]]],
+    method: str,
+    progress: bool,
+    options: dict[str, Any] | None = None,
+) -> Iterator[Outcome]:
+    """What becomes of each record, told by its source and what reads it."""
+    if progress:
+        from rich.console import Console
+        from rich.progress import track
+
+        readers = track(list(readers), description="Identifying", console=Console(stderr=True))
+    for source, read in readers:
+        yield _outcome(source, read, method, options or {})
+
+
+def _outcome(source: str, read: Callable[[], StepRecord], method: str, options) -> Outcome:
+    """What becomes of one record."""
+    try:
+        record = read()
+    except BAD_INPUT as error:
+        return Outcome(source, "", None, str(error.args[0]) if error.args else str(error))
+    result = identify(record, method, **options)
+    name = chosen_method(result) if method == "auto" else method
+    reason = Status[result.status] if bool(refused(result.status)) else ""
+    return Outcome(source, name, result, reason)
