@@ -3,7 +3,18 @@
 import equinox as eqx
 import numpy as np
 
-from stepax import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani, StepRecord, refine
+from stepax import (
+    FOPDT,
+    IPDT,
+    SOPDT,
+    EqualLag,
+    Hudzovic,
+    PTn,
+    Sani,
+    SOPDTZero,
+    StepRecord,
+    refine,
+)
 from stepax.records._record import predict
 
 
@@ -16,6 +27,8 @@ TRUE = {
     "Sani": Sani(T=8.0, r=0.6, n=3, gain=2.0, offset=5.0, delay=2.0),
     "EqualLag": EqualLag(T=4.0, n=2.5, gain=2.0, offset=5.0, delay=1.0),
     "PTn": PTn(lags=[8.0, 2.0], gain=2.0, offset=5.0, delay=2.0),
+    "SOPDTZero": SOPDTZero(zeta=0.7, omega_n=0.4, lead=-3.0, gain=2.0, offset=5.0, delay=2.2),
+    "IPDT": IPDT(T=6.0, gain=0.1, offset=5.0, delay=3.0),
 }
 START = {
     "FOPDT": FOPDT(T=5.0, delay=4.5),
@@ -24,6 +37,8 @@ START = {
     "Sani": Sani(T=6.0, r=0.8, n=3, delay=1.0),
     "EqualLag": EqualLag(T=6.0, n=2.0, delay=0.5),
     "PTn": PTn(lags=[6.0, 3.0], delay=1.0),
+    "SOPDTZero": SOPDTZero(zeta=0.8, omega_n=0.3, lead=-2.0, delay=1.0),
+    "IPDT": IPDT(T=8.0, delay=1.0),
 }
 COMPILED = eqx.filter_jit(refine)
 

@@ -57,6 +57,19 @@ def second_order(t, zeta, omega_n):
     return (1 - (b * mpmath.exp(-a * t) - a * mpmath.exp(-b * t)) / (b - a)).real
 
 
+def second_order_zero(t, zeta, omega_n, lead):
+    """Without the zero, plus lead times its slope."""
+    root = mpmath.sqrt(mpmath.mpc((zeta * (1 + SPREAD)) ** 2 - 1))
+    a, b = omega_n * (zeta - root), omega_n * (zeta + root)
+    slope = a * b * (mpmath.exp(-a * t) - mpmath.exp(-b * t)) / (b - a)
+    return second_order(t, zeta, omega_n) + lead * slope.real
+
+
+def lagged_ramp(t, T):
+    """1/(s (1 + s T)); a lag of 0 is no lag."""
+    return t - T * (1 - mpmath.exp(-t / T)) if T else t
+
+
 UNIT_RESPONSE = {
     "Hudzovic": lambda t, p: chain(t, hudzovic_lags(p)),
     "Sani": lambda t, p: chain(t, sani_lags(p)),
@@ -64,13 +77,15 @@ UNIT_RESPONSE = {
     "PTn": lambda t, p: chain(t, listed_lags(p)),
     "FOPDT": lambda t, p: chain(t, [p["T"]]),
     "SOPDT": lambda t, p: second_order(t, p["zeta"], p["omega_n"]),
+    "SOPDTZero": lambda t, p: second_order_zero(t, p["zeta"], p["omega_n"], p["lead"]),
+    "IPDT": lambda t, p: lagged_ramp(t, p["T"]),
 }
 LEVELS = {"gain": mpf(1), "offset": mpf(0), "delay": mpf(0)}
 
 
 def enough_digits(family, parameters):
     """Working precision: 60 digits remain after partial fractions and a difference."""
-    lags = 1 if family in ("EqualLag", "SOPDT") else parameters.get("n", 1)
+    lags = 1 if family == "EqualLag" else parameters.get("n", 1)
     return mp.workdps(100 + 45 * lags)
 
 

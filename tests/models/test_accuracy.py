@@ -23,6 +23,8 @@ FEW = (-0.5, 0.0, 1e-6, 1e-2, 0.2, 0.6, 0.9, 1.1, 1.5, 2.5, 7.0, 50.0)
 MANY = (*FEW[:2], *np.geomspace(1e-14, 0.1, 10), *np.linspace(0.15, 2.5, 14), 4, 8, 16, 50)
 
 BATCH = 12  # one shape for all, so that every operation is compiled once
+POWERS = {"T": 1, "lead": 1, "delay": 1, "omega_n": -1}
+"""Powers of the unit of time in a parameter."""
 PLAIN = {"gain": 1.0, "offset": 0.0, "delay": 0.0}
 SHIFTED = {"gain": -3.0, "offset": 40.0, "delay": 2.7}
 
@@ -64,12 +66,17 @@ def evaluate(family, n, plants, times, dtype, compiled):
 
 
 def response_error(family, exact, t, y, dtype):
-    """Largest error of one plant's response, in units of what is allowed."""
+    """Largest error of one plant's response, in units of what is allowed.
+
+    A ramp has no size of 1: there errors are relative to the largest |gain g| over the times.
+    """
     gain, offset = float(abs(exact["gain"])), float(abs(exact["offset"]))
-    allowed = RESPONSE_TOLERANCE[dtype] * gain
-    if (gain, offset) != (1, 0):
-        allowed += 2 * float(np.finfo(dtype).eps) * (gain + offset)
     truth = [oracle.step_response(family, oracle.exact(x), exact) for x in t]
+    ramp = family == "IPDT"
+    size = max(float(abs(x - exact["offset"])) for x in truth) if ramp else gain
+    allowed = RESPONSE_TOLERANCE[dtype] * size
+    if (gain, offset) != (1, 0):
+        allowed += 2 * float(np.finfo(dtype).eps) * (size + offset)
     return max(abs(float(mpf(float(a)) - b)) for a, b in zip(y, truth, strict=True)) / allowed
 
 
@@ -105,9 +112,8 @@ def check(family, n, plants, scales, dtype, **options):
     assert max(errors.values()) <= DERIVATIVE_TOLERANCE[dtype], errors
 
 
-def variants(plant, dtype):
+def variants(plant, dtype, powers=POWERS):
     """The same plant with gain, offset and delay, and in two other units of time."""
-    powers = {"T": 1, "delay": 1, "omega_n": -1}
     scaled = [
         {k: v * unit ** powers.get(k, 0) for k, v in (plant | SHIFTED).items()}
         for unit in (UNIT[dtype], 1 / UNIT[dtype])
@@ -139,10 +145,27 @@ def equal_lags_real(dtype, orders=(0.3, 0.999, 1.0, 1.001, 2.5, 8.0, 15.2, 32.0)
     return plants, [p["T"] * max(p["n"], 1) for p in plants]
 
 
-def second_order(dtype, dampings=(0.01, 0.1, 0.7, 1 - 1e-7, 1.0, 1 + 1e-7, 1.01, 3.0, 50.0)):
+DAMPINGS = (0.01, 0.1, 0.7, 1 - 1e-7, 1.0, 1 + 1e-7, 1.01, 3.0, 50.0)
+
+
+def second_order(dtype, dampings=DAMPINGS):
     plants = [{"zeta": z, "omega_n": 0.6} | PLAIN for z in dampings]
     plants += variants({"zeta": 0.4, "omega_n": 0.6}, dtype)[1:]
     return plants, [2 * max(p["zeta"], 0.2 / p["zeta"]) / p["omega_n"] for p in plants]
+
+
+def second_order_zero(dtype, dampings, lead):
+    """`lead` in units of the sum of the lags or, where it oscillates, of about 1/omega_n."""
+    plants, scales = second_order(dtype, dampings)
+    own = [np.hypot(1, 2 * p["zeta"]) / p["omega_n"] for p in plants]
+    return [p | {"lead": lead * T} for p, T in zip(plants, own, strict=True)], scales
+
+
+def lagged_ramps(dtype, lags=(0.0, 1e-9, 1e-4, 0.02, 0.3, 1.0, 7.0, 50.0, 2500.0)):
+    """Lags in units of the times, which do not depend on them; the last is 50 times the longest."""
+    plants = [{"T": 1.7 * T} | PLAIN for T in lags]
+    others = variants({"T": 1.7}, dtype, POWERS | {"gain": -1})[1:]
+    return plants + others, [1.7] * len(lags) + [p["T"] for p in others]
 
 
 def chains(*lags):
@@ -203,6 +226,17 @@ def test_second_order(dtype):
     check("SOPDT", None, *second_order(dtype), dtype)
 
 
+@by_dtype
+@pytest.mark.parametrize("lead", [-0.6, 0.0, 1.4])
+def test_second_order_with_a_zero(lead, dtype):
+    check("SOPDTZero", None, *second_order_zero(dtype, DAMPINGS, lead), dtype)
+
+
+@by_dtype
+def test_lagged_ramp(dtype):
+    check("IPDT", None, *lagged_ramps(dtype), dtype)
+
+
 exhaustive = functools.partial(check, fractions=MANY)
 
 
@@ -222,6 +256,10 @@ def test_other_families_exhaustively(dtype):
     exhaustive("EqualLag", None, *equal_lags_real(dtype, orders), dtype)
     for dampings in [(0.01, 0.03, 0.2, 0.5, 0.9, 0.99), (1 - 1e-9, 1 + 1e-9, 1.1, 1.3, 8.0, 20.0)]:
         exhaustive("SOPDT", None, *second_order(dtype, dampings), dtype)
+        for lead in (-3.0, -0.1, 1e-6, 0.5):
+            exhaustive("SOPDTZero", None, *second_order_zero(dtype, dampings, lead), dtype)
+    for lags in [(1e-12, 1e-7, 1e-3, 0.01, 0.05, 0.1), (0.2, 0.5, 0.7, 2.0, 20.0, 400.0)]:
+        exhaustive("IPDT", None, *lagged_ramps(dtype, lags), dtype)
     for case in CHAINS.values():
         exhaustive("PTn", *case, dtype)
 

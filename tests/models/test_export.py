@@ -1,5 +1,7 @@
 """Models as objects of python-control and scipy."""
 
+import dataclasses
+
 import control
 import jax
 import jax.numpy as jnp
@@ -7,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from stepax import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani
+from stepax import FOPDT, IPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani, SOPDTZero
 
 
 MODELS = {
@@ -24,6 +26,11 @@ MODELS = {
     "SOPDT": SOPDT(zeta=0.3, omega_n=1.2),
     "SOPDT, critical": SOPDT(zeta=1.0, omega_n=1.2, gain=-1.0),
     "SOPDT, slow": SOPDT(zeta=3.0, omega_n=1.2),
+    "SOPDTZero": SOPDTZero(zeta=0.3, omega_n=1.2, lead=-0.8, gain=-2.0, offset=5.0),
+    "SOPDTZero, overshoot": SOPDTZero(zeta=3.0, omega_n=1.2, lead=8.0),
+    "SOPDTZero, no lead": SOPDTZero(zeta=0.7, omega_n=1.2, lead=0.0),
+    "IPDT": IPDT(T=1.7, gain=-0.5, offset=5.0),
+    "IPDT, no lag": IPDT(T=0.0, gain=2.0),
 }
 T = np.linspace(0, 15, 12)
 
@@ -51,7 +58,10 @@ def test_control_step_response(model):
     assert isinstance(plant, control.TransferFunction)
     y = control.step_response(plant, T).outputs
     check_step(model, y)
-    assert np.allclose(plant.dcgain(), model.static_gain, rtol=1e-12)
+    if model.settles:
+        assert np.allclose(plant.dcgain(), model.static_gain, rtol=1e-12)
+    else:
+        assert not np.isfinite(plant.dcgain())
 
 
 @models
@@ -75,15 +85,46 @@ def test_pade_approximation_of_a_delay(export, order):
     assert abs(value / model.frequency_response(omega) - 1) <= x * remainder + 1e-12
 
 
+@models
+@pytest.mark.parametrize("delay", [0.0, 1.5])
+def test_zeros_and_poles_of_exports(model, delay):
+    """Exactly those of the model where there is no dead time, among others where there is."""
+    model = dataclasses.replace(model, delay=delay)
+    order = 2 if delay else None
+    plant = model.to_scipy(pade_order=order)
+    assert set(model.zeros.tolist()) <= set(plant.zeros.tolist())
+    assert set(model.poles.tolist()) <= set(plant.poles.tolist())
+    added = 2 if delay else 0
+    assert len(plant.zeros) == len(model.zeros) + added
+    assert len(plant.poles) == len(model.poles) + added
+
+    other = model.to_control(pade_order=order)
+    single = any(np.asarray(x).dtype == np.float32 for x in jax.tree.leaves(model))
+    for mine, theirs in [(plant.zeros, other.zeros()), (plant.poles, other.poles())]:
+        assert len(theirs) == len(mine)
+        for place in mine:  # roots of a polynomial: multiple ones keep few digits
+            assert np.min(np.abs(theirs - place)) < (1e-2 if single or len(mine) > 2 else 1e-9)
+    if not model.settles:
+        assert np.sum(other.poles() == 0) == np.sum(plant.poles == 0) == 1
+
+
+# The ripple of a Pade approximation is the larger the less smooth the response begins.
+DELAYED = {
+    "EqualLag": (EqualLag(T=1.0, n=3, gain=2.0, delay=1.5), 1e-3),
+    "SOPDTZero": (SOPDTZero(zeta=0.7, omega_n=1.2, lead=-0.8, delay=1.5), 2e-3),
+    "IPDT": (IPDT(T=1.0, gain=2.0, delay=1.5), 1e-2),
+}
+
+
+@pytest.mark.parametrize(("model", "ripple"), DELAYED.values(), ids=DELAYED)
 @pytest.mark.parametrize("export", ["to_control", "to_scipy"])
-def test_step_response_with_a_delay(export):
-    model = EqualLag(T=1.0, n=3, gain=2.0, delay=1.5)
+def test_step_response_with_a_delay(export, model, ripple):
     plant = getattr(model, export)(pade_order=5)
     if export == "to_control":
         y = control.step_response(plant, T).outputs
     else:
         y = signal.step(plant, T=T)[1]
-    assert np.allclose(y, model.step_response(T), rtol=0, atol=1e-3)
+    assert np.allclose(y, model.step_response(T), rtol=0, atol=ripple)
 
 
 @pytest.mark.parametrize("export", ["to_control", "to_scipy"])

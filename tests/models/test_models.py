@@ -8,7 +8,7 @@ import pytest
 from tests import oracle
 
 import stepax
-from stepax import FOPDT, MAX_ORDER, SOPDT, EqualLag, Hudzovic, PTn, Sani
+from stepax import FOPDT, IPDT, MAX_ORDER, SOPDT, EqualLag, Hudzovic, PTn, Sani, SOPDTZero
 
 
 LEVELS = {"gain": -3.0, "offset": 40.0, "delay": 2.7}
@@ -20,12 +20,15 @@ OWN = {
     "PTn": {"lags": np.array([2.0, 0.0, 0.7])},
     "FOPDT": {"T": 1.7},
     "SOPDT": {"zeta": 0.4, "omega_n": 0.6},
+    "SOPDTZero": {"zeta": 0.4, "omega_n": 0.6, "lead": -0.8},
+    "IPDT": {"T": 1.7},
 }
 CLASSES = {name: getattr(stepax, name.split(",")[0]) for name in OWN}
 T = jnp.array([-1, 0, 2.7, 2.75, 3, 4, 5.5, 8, 12, 20, 40, 90])
 """Every axis of a batch has as many: each operation is then compiled for few shapes."""
 
 families = pytest.mark.parametrize("name", OWN)
+settling = pytest.mark.parametrize("name", [name for name in OWN if name != "IPDT"])
 chains = pytest.mark.parametrize("cls", [Hudzovic, Sani])
 ordered = pytest.mark.parametrize("cls", [Hudzovic, Sani, EqualLag])
 
@@ -169,8 +172,9 @@ def test_lags_by_their_formulae():
     assert np.array_equal(EqualLag(T=2, n=3.0).lags, [2, 2, 2])
     assert np.array_equal(PTn(lags=np.array([3, 0, 1])).lags, [3, 0, 1])
     assert np.array_equal(FOPDT(T=2).lags, [2])
-    lags = SOPDT(zeta=1.25, omega_n=0.5).lags  # rates 0.25 and 1
-    assert np.allclose(lags, [4, 1], rtol=1e-15)
+    assert np.array_equal(IPDT(T=2).lags, [2])
+    for plant in (SOPDT(zeta=1.25, omega_n=0.5), SOPDTZero(zeta=1.25, omega_n=0.5, lead=-3)):
+        assert np.allclose(plant.lags, [4, 1], rtol=1e-15)  # rates 0.25 and 1
 
 
 @chains
@@ -188,6 +192,7 @@ def test_outside_their_range_models_are_nan():
         Sani(T=1, r=-0.1, n=3),
         PTn(lags=np.array([1.0, -1.0])),
         EqualLag(T=1, n=41.0),
+        IPDT(T=-1e-3),
     ):
         y = model.step_response(T)
         assert np.all(y[:2] == 0) and np.all(np.isnan(y[2:]))
@@ -260,7 +265,7 @@ def test_second_derivative_in_a_real_order():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["Hudzovic", "EqualLag", "FOPDT", "SOPDT"])
+@pytest.mark.parametrize("name", ["Hudzovic", "EqualLag", "FOPDT", "SOPDT", "SOPDTZero", "IPDT"])
 def test_second_derivatives_are_finite(name):
     """With respect to all parameters and time; those of the contour kernel in test_contour.py."""
     own = {k: v for k, v in (OWN[name] | LEVELS).items() if not isinstance(v, int)}
@@ -288,7 +293,7 @@ def check_impulse_response(name, dtype):
     assert np.all(y[:3] == 0)
 
 
-@pytest.mark.parametrize("name", ["Hudzovic", "PTn", "SOPDT"])
+@pytest.mark.parametrize("name", ["Hudzovic", "PTn", "SOPDT", "SOPDTZero", "IPDT"])
 def test_impulse_response_is_the_derivative_in_time(name):
     """The same forward derivative for all; in test_accuracy.py it is taken in reverse."""
     check_impulse_response(name, np.float64)
@@ -303,9 +308,11 @@ def test_all_impulse_responses(name, dtype):
 
 def transfer_function(name, s):
     p = OWN[name]
-    if name == "SOPDT":
+    if name.startswith("SOPDT"):
         zeta, w = p["zeta"], p["omega_n"]
-        return w**2 / (s**2 + 2 * zeta * w * s + w**2)
+        return (1 + s * p.get("lead", 0)) * w**2 / (s**2 + 2 * zeta * w * s + w**2)
+    if name == "IPDT":
+        return 1 / s / (1 + s * p["T"])
     if name.startswith("EqualLag"):
         return (1 + s * p["T"]) ** -float(p["n"])
     lags = {
@@ -320,6 +327,7 @@ def transfer_function(name, s):
 @families
 def test_frequency_response(name):
     omega = np.array([0, *np.geomspace(1e-4, 1e4, 11)])
+    omega[0] += 1e-9 * (name == "IPDT")  # at 0 it is infinite
     s = 1j * omega
     expected = LEVELS["gain"] * np.exp(-s * LEVELS["delay"]) * transfer_function(name, s)
     response = make(name).frequency_response(omega)
@@ -334,7 +342,7 @@ def test_frequency_response_with_an_array_order(cls):
     assert np.allclose(traced, of_order(cls, 3).frequency_response(omega), rtol=1e-13)
 
 
-@families
+@settling
 def test_static_gain(name):
     model = make(name)
     assert model.static_gain == LEVELS["gain"]
@@ -349,9 +357,11 @@ def test_poles(name):
     if name == "EqualLag, real n":
         return
     poles, s = make(name).poles, 1j * np.geomspace(0.01, 10, 7)
-    product = np.prod([p / (p - s) for p in poles], axis=0)
+    product = np.prod([p / (p - s) if p else 1 / s for p in poles], axis=0)
+    product *= np.prod([1 - s / z for z in make(name).zeros], axis=0)
     assert np.allclose(product, transfer_function(name, s), rtol=1e-12)
-    assert len(poles) == {"FOPDT": 1, "PTn": 2, "SOPDT": 2}.get(name, 3)
+    assert len(poles) == {"FOPDT": 1, "EqualLag": 3, "Hudzovic": 3, "Sani": 3}.get(name, 2)
+    assert len(make(name).zeros) == (name == "SOPDTZero")
 
 
 @pytest.mark.parametrize("zeta", [0.01, 0.7, 1.0, 1.3, 1e6])
@@ -372,6 +382,8 @@ def test_parameters_that_are_no_real_numbers(value):
         lambda: FOPDT(T=value),
         lambda: PTn(lags=value),
         lambda: SOPDT(zeta=0.5, omega_n=value),
+        lambda: SOPDTZero(zeta=0.5, omega_n=1.0, lead=value),
+        lambda: IPDT(T=value),
         lambda: Hudzovic(T=1, r=value, n=2),
         lambda: Sani(T=1, r=0.5, n=2, gain=value),
         lambda: EqualLag(T=1, n=2, delay=value),
@@ -401,5 +413,6 @@ def test_missing_parameter():
 
 
 def test_oscillating_model_has_no_lags():
-    with pytest.raises(ValueError, match="zeta"):
-        _ = SOPDT(zeta=0.5, omega_n=1.0).lags
+    for plant in (SOPDT(zeta=0.5, omega_n=1.0), SOPDTZero(zeta=0.5, omega_n=1.0, lead=1.0)):
+        with pytest.raises(ValueError, match="zeta"):
+            _ = plant.lags

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from stepax import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani
+from stepax import FOPDT, IPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani, SOPDTZero
 from stepax.models._notation import number, transfer_function_latex, transfer_function_text
 
 
@@ -47,6 +47,15 @@ def test_number(x, text):
         (Hudzovic(T=1.0, r=0.5, n=2), "1 / ((1 + 2 s)(1 + 1 s))"),
         (SOPDT(zeta=0.2, omega_n=0.5, delay=1.0), "1 exp(-1 s) / (1 + 0.8 s + 4 s^2)"),
         (SOPDT(zeta=1.0, omega_n=0.5), "1 / (1 + 2 s)^2"),
+        (
+            SOPDTZero(zeta=0.2, omega_n=0.5, lead=-0.8, gain=2.0, delay=3.0),
+            "2 (1 - 0.8 s) exp(-3 s) / (1 + 0.8 s + 4 s^2)",
+        ),
+        (SOPDTZero(zeta=1.25, omega_n=0.5, lead=6), "1 (1 + 6 s) / ((1 + 4 s)(1 + 1 s))"),
+        (SOPDTZero(zeta=1.0, omega_n=0.5, lead=0), "1 / (1 + 2 s)^2"),
+        (IPDT(T=3.0, gain=0.5), "0.5 / (s(1 + 3 s))"),
+        (IPDT(T=0.0, gain=-0.5, delay=2.0), "-0.5 exp(-2 s) / s"),
+        (IPDT(T=math.nan), "none"),
         (FOPDT(T=math.nan), "none"),
     ],
 )
@@ -59,6 +68,12 @@ def test_transfer_function(model, text):
     [
         (FOPDT(T=10.0, gain=2.0, delay=1.5), r"\frac{2\,e^{-1.5 s}}{(1 + 10 s)}"),
         (EqualLag(T=1e-7, n=3), r"\frac{1}{(1 + 1.000 \times 10^{-7} s)^{3}}"),
+        (
+            SOPDTZero(zeta=1.0, omega_n=0.5, lead=-0.8, gain=2.0, delay=3.0),
+            r"\frac{2\,(1 - 0.8 s)\,e^{-3 s}}{(1 + 2 s)^{2}}",
+        ),
+        (IPDT(T=3.0, gain=0.5), r"\frac{0.5}{s(1 + 3 s)}"),
+        (IPDT(T=0.0, gain=0.5), r"\frac{0.5}{s}"),
         (SOPDT(zeta=0.5, omega_n=2.0, gain=-1.0), r"\frac{-1}{(1 + 0.5 s + 0.25 s^{2})}"),
     ],
 )

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from stepax import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani
+from stepax import FOPDT, IPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani, SOPDTZero
 
 
 MODELS = {
@@ -19,6 +19,9 @@ MODELS = {
     "PTn": PTn(lags=np.array([2.0, 0.0, 0.7])),
     "FOPDT": FOPDT(T=1.7, gain=3.0),
     "SOPDT": SOPDT(zeta=0.3, omega_n=1.2),
+    "SOPDTZero": SOPDTZero(zeta=0.3, omega_n=1.2, lead=-0.7, gain=1.5, offset=2.0),
+    "IPDT": IPDT(T=0.7, gain=-0.4, offset=3.0),
+    "IPDT, no lag": IPDT(T=0.0, gain=2.0),
 }
 T = np.linspace(0, 9, 12)
 UNEVEN = np.cumsum(np.random.default_rng(1).uniform(0, 1.5, 12)) - 3.0
@@ -53,6 +56,14 @@ def test_even_sampling_agrees_with_scipy(model):
     plant = model.to_scipy().to_ss()
     discrete = signal.cont2discrete((plant.A, plant.B, plant.C, plant.D), T[1], method="zoh")
     y = signal.dlsim(discrete, U)[1][:, 0]
+    assert np.allclose(model.respond(T, U), model.offset + y, rtol=0, atol=1e-10)
+
+
+@rational
+def test_continuous_simulation_of_scipy_agrees(model):
+    """Its integration by a matrix exponential, the input held between samples."""
+    plant = model.to_scipy()
+    y = signal.lsim(plant, U, T, interp=False)[1]
     assert np.allclose(model.respond(T, U), model.offset + y, rtol=0, atol=1e-10)
 
 

@@ -21,19 +21,17 @@ from ..records._record import StepRecord, usable_record
 START_LEVELS = (0.283, 0.632)
 """The two levels of Smith (1972): 1/3 and 1 time constant of a first-order plant."""
 
-DAMPINGS, PERIODS, DELAYS = (
-    [0.2, 0.5, 1.0, 2.5, 6.0],
-    np.geomspace(0.02, 1.0, 8),
-    [0, 0.4, 0.7, 1.0],
-)
-SHAPES = np.stack([x.ravel() for x in np.meshgrid(np.log(DAMPINGS), np.log(PERIODS), DELAYS)]).T
-"""Log damping, log period over the length of the record, dead time over the onset."""
+DAMPINGS, PERIODS = [0.2, 0.5, 1.0, 2.5, 6.0], np.geomspace(0.02, 1.0, 8)
+SHAPES = np.stack([x.ravel() for x in np.meshgrid(np.log(DAMPINGS), np.log(PERIODS))]).T
+"""Log damping, and log period over the length of the record."""
 
-AROUND = np.stack(
-    [x.ravel() for x in np.meshgrid([-0.5, 0, 0.5], [-0.3, 0, 0.3], [-0.2, 0, 0.2])]
-).T
-"""Steps from the best of these shapes towards one another, 0.6 times as long in each round."""
-ROUNDS = 6
+AROUND = np.stack([x.ravel() for x in np.meshgrid([-0.5, 0, 0.5], [-0.3, 0, 0.3])]).T
+"""Steps from the best of these shapes; half as long once none of them is better."""
+ROUNDS = 8
+
+DELAYS = np.linspace(0, 1, 16)
+"""Dead times, over the latest possible, each of which gets its best shape: a zero and a dead time
+can trade places, so that there are two good ones with a bad one between."""
 
 ROWS = 100
 """Rows on which the shapes are compared: a start needs no more."""
@@ -81,45 +79,58 @@ def chain_start(model: Any, record: StepRecord, n: Array, fixed: Sequence[str]) 
 
 
 def zero_start(record: StepRecord, fixed: Sequence[str]) -> SOPDTZero:
-    """The best of `SHAPES`, with offset, gain and gain times lead by regression."""
+    """The best of `DELAYS`, each with its best shape; offset, gain and lead by regression."""
     _, safe = usable_record(record)
     initial, _ = levels(safe)
     y = _averaged(safe)  # for the onset alone: the regression averages by itself
     far = jnp.abs(y - initial) > 0.05 * (jnp.max(y) - jnp.min(y))
     onset = jnp.where(jnp.any(far), safe.elapsed[jnp.argmax(far & (safe.elapsed > 0))], 0)
+    latest = onset + safe.duration / 50  # half of what is averaged over
     rows = np.arange(ROWS) * safe.count // ROWS
     t, y = safe.elapsed[rows], safe.y[rows] - jnp.mean(safe.y[rows])
 
-    def plant(shape: Array) -> SOPDTZero:
-        zeta, period = jnp.exp(shape[:2])
+    def regression(shape: Array, delay: Scalar) -> tuple[Scalar, SOPDTZero]:
+        """Squared error of the best gain and lead, and the plant that has them."""
+        zeta, period = jnp.exp(shape)
         omega_n = jnp.sqrt(1 + 4 * zeta**2) / (period * safe.duration)
-        delay = _delay(shape[2] * onset, fixed)
-        return SOPDTZero(zeta=zeta, omega_n=omega_n, lead=jnp.ones_like(omega_n), delay=delay)
+        return _best_lead(SOPDT(zeta=zeta, omega_n=omega_n, delay=delay), t, y)
 
-    def regression(shape: Array) -> tuple[Scalar, Scalar]:
-        """Squared error, and lead, of the best gain and gain times lead."""
-        model = plant(shape)
-        g = SOPDT(zeta=model.zeta, omega_n=model.omega_n).unit_response(t - model.delay)
-        h = model.unit_response(t - model.delay) - g
-        g, h = g - jnp.mean(g), h - jnp.mean(h)
-        gg, gh, hh, gy, hy = g @ g, g @ h, h @ h, g @ y, h @ y
-        determinant = gg * hh - gh * gh
-        usable = determinant > jnp.finfo(y.dtype).eps ** 0.5 * gg * hh
-        determinant = jnp.where(usable, determinant, 1)
-        gain, slope = (hh * gy - gh * hy) / determinant, (gg * hy - gh * gy) / determinant
-        square = y @ y - gain * gy - slope * hy
-        lead = slope / jnp.where(gain == 0, 1, gain)
-        return jnp.where(usable & (gain != 0), square, jnp.inf), lead
+    delays = _delay(latest, fixed) * jnp.asarray(DELAYS, y.dtype)
 
-    def nearer(best: Array, size: Scalar) -> tuple[Array, None]:
-        shapes = best[None, :] + size * jnp.asarray(AROUND, y.dtype)
-        return shapes[jnp.argmin(jax.vmap(regression)(shapes)[0])], None
+    def errors(best: Array, size: Array, steps: np.ndarray) -> Array:
+        """Squared errors of a row of shapes, one a dead time, and of all steps from it."""
+        one = lambda step: jax.vmap(regression)(best + jnp.outer(size, step), delays)[0]  # noqa: E731
+        return jax.lax.map(one, jnp.asarray(steps, y.dtype))
 
-    shapes = jnp.asarray(SHAPES, y.dtype)
-    best = shapes[jnp.argmin(jax.lax.map(regression, shapes)[0])]
-    best, _ = jax.lax.scan(nearer, best, jnp.asarray(0.6 ** np.arange(ROUNDS), y.dtype))
-    model = eqx.tree_at(lambda m: m.lead, plant(best), regression(best)[1])
-    return jax.lax.stop_gradient(model)
+    def nearer(carry: tuple[Array, Array], _) -> tuple[tuple[Array, Array], None]:
+        best, size = carry
+        step = jnp.asarray(AROUND, y.dtype)[jnp.argmin(errors(best, size, AROUND), axis=0)]
+        stays = jnp.all(step == 0, axis=1)
+        return (best + size[:, None] * step, jnp.where(stays, size / 2, size)), None
+
+    one = jnp.ones_like(delays)
+    first = jnp.asarray(SHAPES, y.dtype)[jnp.argmin(errors(0 * one[:, None], one, SHAPES), axis=0)]
+    (best, _), _ = jax.lax.scan(nearer, (first, one), length=ROUNDS)
+    square, plants = jax.vmap(regression)(best, delays)
+    return jax.lax.stop_gradient(jax.tree.map(lambda x: x[jnp.argmin(square)], plants))
+
+
+def _best_lead(plant: SOPDT, t: Array, y: Array) -> tuple[Scalar, SOPDTZero]:
+    """Squared error and lead of a plant with a zero whose gain and lead are a regression.
+
+    The response is a combination of that without a zero and its slope; y has a mean of 0.
+    """
+    g, h = jax.jvp(lambda t: plant.unit_response(t - plant.delay), (t,), (jnp.ones_like(t),))
+    g, h = g - jnp.mean(g), h - jnp.mean(h)
+    gg, gh, hh, gy, hy = g @ g, g @ h, h @ h, g @ y, h @ y
+    determinant = gg * hh - gh * gh
+    usable = determinant > jnp.finfo(y.dtype).eps ** 0.5 * gg * hh
+    determinant = jnp.where(usable, determinant, 1)
+    gain, slope = (hh * gy - gh * hy) / determinant, (gg * hy - gh * gy) / determinant
+    square = y @ y - gain * gy - slope * hy
+    lead = slope / jnp.where(gain == 0, 1, gain)
+    model = SOPDTZero(zeta=plant.zeta, omega_n=plant.omega_n, lead=lead, delay=plant.delay)
+    return jnp.where(usable & (gain != 0), square, jnp.inf), model
 
 
 def integrating_start(record: StepRecord, fixed: Sequence[str]) -> IPDT:

@@ -345,7 +345,7 @@ class IPDT(AbstractPlant):
     Source: the "I" of process models (L. Ljung, System Identification Toolbox). T >= 0 in units of
     time (0: no lag; negative: NaN). `gain` is the slope of the output per unit of input: after a
     step of the input the output moves by gain times the size of the step in every unit of time. The
-    static gain is infinite, and so is the frequency response at 0.
+    static gain is infinite; the frequency response at 0 is inf + nan j, as in python-control.
     """
 
     settles = False
@@ -360,8 +360,9 @@ class IPDT(AbstractPlant):
         return lagged_ramp_response(t, self.T)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
-        """G(s)."""
-        return 1 / (s * (1 + s * self.T))
+        """G(s); at 0, where a complex division would give NaN, its real part is infinite."""
+        away = s != 0
+        return jnp.where(away, 1 / (jnp.where(away, s, 1) * (1 + s * self.T)), jnp.inf)
 
     @property
     def static_gain(self) -> Scalar:
