@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from ._compilation import side_by_side
-from ._identify import aicc_of, identify, parameter_count, refuse_tracers
+from ._compilation import quick_compilation, side_by_side
+from ._identify import aicc_of, filled_record, identify, parameter_count, refuse_tracers
 from ._result import Identification, conclude
 from ._status import Status, refused, status_name
-from .methods import METHODS, ROWS
+from .methods import FITS, METHODS, ROWS, read_by_all
 from .methods._method import Method
 from .models._abstract import AbstractPlant
 from .models._deviation import squared_deviation
@@ -140,10 +140,30 @@ def compare(
     names = list(METHODS) if methods is None else list(methods)
     if not names:
         raise ValueError(f"compare needs at least one method; known are {', '.join(METHODS)}.")
-    results = side_by_side(partial(identify, record, name) for name in names)
-    rows = [_row(name, found, plant) for name, found in zip(names, results, strict=True)]
+    results = _results(record, names)
+    rows = [_row(name, results[name], plant) for name in names]
     rows.sort(key=lambda row: (np.isnan(row.J), row.J, row.rmse))
     return Comparison(record, tuple(rows))
+
+
+def _results(record: StepRecord, names: Sequence[str]) -> dict[str, Identification]:
+    """Results by method: fits side by side, and all others as one, which reads the record once."""
+    together = tuple(name for name in METHODS if name in names and name not in FITS)
+    alone = [name for name in names if name not in together]
+
+    def read() -> dict[str, Identification]:
+        found = read_by_all(filled_record(record), together) if together else []
+        return {
+            name: dataclasses.replace(x, record=record, details=x.details | record.details)
+            for name, x in zip(together, found, strict=True)
+        }
+
+    def fit(name: str) -> dict[str, Identification]:
+        return {name: identify(record, name)}
+
+    with quick_compilation():
+        parts = side_by_side([*(partial(fit, name) for name in alone), read])
+    return {name: result for part in parts for name, result in part.items()}
 
 
 def _row(name: str, result: Identification, plant: AbstractPlant | None) -> Row:

@@ -16,7 +16,6 @@ LOOPED = jax.make_user_context(False)
 """Whether to compile quickly: part of the key under which JAX keeps what it compiled."""
 
 QUICK: dict[str, Any] = {
-    "xla_backend_optimization_level": 0,
     "xla_llvm_disable_expensive_passes": True,
 }
 if jax.__version_info__[:2] == (0, 10):  # an XLA that does not know an option refuses to compile
@@ -34,10 +33,14 @@ def quick_compilation() -> AbstractContextManager[None]:
     return LOOPED(True)
 
 
-def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`function`, compiled; within `quick_compilation`, and outside of a trace, quickly."""
+def compiled(function: Callable[..., Any], effort: int = 0) -> Callable[..., Any]:
+    """`function`, compiled; within `quick_compilation`, and outside of a trace, quickly.
+
+    `effort` 1 compiles twice as long then, for what runs long.
+    """
     full = eqx.filter_jit(function)
-    quick = eqx.filter_jit(function, compiler_options=QUICK)  # pyright: ignore[reportCallIssue]
+    options = QUICK | {"xla_backend_optimization_level": effort}
+    quick = eqx.filter_jit(function, compiler_options=options)  # pyright: ignore[reportCallIssue]
 
     @functools.wraps(function)
     def run(*args: Any, **kwargs: Any) -> Any:

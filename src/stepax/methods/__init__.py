@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 
+from .._compilation import compiled
 from .._result import Identification
 from ..curves._times import LEVELS
 from ..models._abstract import AbstractPlant
 from ..models._plants import FOPDT, IPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani, SOPDTZero
+from ..records._record import StepRecord
 from ._areas import area_fopdt, moments_fopdt, moments_ptn, moments_sopdt
 from ._charts import HARRIOTT_LEVELS, SMITH_LEVELS, STREJC, harriott, smith
 from ._fits import (
@@ -25,6 +27,7 @@ from ._lookup import (
     sani_tu_tg,
 )
 from ._method import Method, compiled_method
+from ._reading import shared_readings
 from ._tables import LATZEL_LEVELS, latzel, strejc
 from ._tangents import ONE_LAG, oldenbourg_sartorius, tangent_63, ziegler_nichols_tangent
 from ._three_points import (
@@ -108,8 +111,19 @@ METHODS: dict[str, Callable[..., Identification]] = {
 }
 """Every method by its name, compiled; an option that is a Python or NumPy number is static."""
 
+FITS = frozenset(method.__name__ for method in _ROWS if method.__module__ == fopdt_fit.__module__)
+"""Methods that minimise the squared error; all others read points, tangents or areas."""
+
 ROWS: dict[str, Method] = {method.__name__: row for method, row in _ROWS.items()}
 """What there is to know about each method."""
 
 MODELS: dict[str, type[AbstractPlant]] = {name: row.gives for name, row in ROWS.items()}
 """The class of models that each method gives; `smith(underdamped=True)` alone gives a SOPDT."""
+
+
+@compiled
+def read_by_all(record: StepRecord, names: tuple[str, ...]) -> list[Identification]:
+    """Results of several methods that are no fits, as one: what they share is read once."""
+    plain = {method.__name__: method for method in _ROWS}
+    with shared_readings(record, [level for name in names for level in ROWS[name].levels]):
+        return [plain[name](record) for name in names]

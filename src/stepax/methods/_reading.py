@@ -1,10 +1,13 @@
 """What point methods share: reading a record, dead times, charts' ends, and the conclusion."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from contextvars import ContextVar
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._arrays import Flag, Scalar, nan_where
@@ -63,6 +66,33 @@ class OwnDelay(NamedTuple):
     status: Status
 
 
+class _Shared:
+    """What methods that read the same record in one trace have already read.
+
+    Keys are the span and what was read; `levels` are all that some method will ask for.
+    """
+
+    def __init__(self, record: StepRecord, levels: Sequence[float]):
+        self.record, self.levels = record, sorted(set(levels))
+        self.found: dict[Any, Any] = {}
+
+
+_SHARED: ContextVar[_Shared | None] = ContextVar("shared readings", default=None)
+
+
+@contextlib.contextmanager
+def shared_readings(record: StepRecord, levels: Sequence[float]) -> Iterator[None]:
+    """Within it, methods called with this very record read it once between them.
+
+    For several methods in one trace: nothing is traced, compiled or computed twice.
+    """
+    token = _SHARED.set(_Shared(record, levels))
+    try:
+        yield
+    finally:
+        _SHARED.reset(token)
+
+
 class Reading:
     """One record as a point method reads it; it lives inside one call.
 
@@ -74,17 +104,10 @@ class Reading:
     """
 
     def __init__(self, record: StepRecord, span: Span, delay: Delay):
-        problem, safe = usable_record(record)
-        # Read once, before LOESS, and held: all that follows speaks of shares of the same change.
-        self.initial, self.final = levels_of(safe)
-        y = smoothed(safe, span)
-        self.record = record
-        self.safe = eqx.tree_at(
-            lambda r: (r.y, r.initial, r.final),
-            safe,
-            (y, self.initial, self.final),
-            is_leaf=lambda x: x is None,
-        )
+        self.record, self._span = record, span
+        problem, self.safe = self._once("record", lambda: _held(record, span))
+        assert self.safe.initial is not None and self.safe.final is not None
+        self.initial, self.final = self.safe.initial, self.safe.final
         self.delay = jnp.asarray(delay, record.t.dtype)
         self.details: dict[str, Array] = {}
         self._statuses = [problem]
@@ -94,8 +117,8 @@ class Reading:
 
         Status: `levels_not_crossed`, or `invalid_times` where they are not positive and increasing.
         """
+        read = self._crossings(levels)
         levels = jnp.asarray(levels, self.delay.dtype)
-        read = crossing_times(self.safe, levels)
         times = read - self.delay
         rising = (times[0] > 0) & jnp.all(jnp.diff(times) > 0)
         status = Status.where(rising, Status.successful, Status.invalid_times)
@@ -115,7 +138,7 @@ class Reading:
 
         Remembered as Tu, Tg, t_inflection.
         """
-        line = tangent(self.safe)
+        line = self._once("tangent", lambda: tangent(self.safe))
         found = jnp.isfinite(line.Tg) & (line.Tg > 0)
         status = Status.where(found, Status.successful, Status.no_inflection)
         self.remember(status, Tu=line.Tu, Tg=line.Tg, t_inflection=line.t_inflection)
@@ -125,6 +148,25 @@ class Reading:
     def areas(self, powers: Sequence[int], upper: Scalar | None = None) -> Array:
         """Integrals of t^k (1 - y) from the step on; a method says itself which it can use."""
         return integrals(self.safe, powers, upper)
+
+    def _once(self, what: str, read: Callable[[], Any]) -> Any:
+        """What `read` gives, or what a method before has read."""
+        shared = _SHARED.get()
+        if shared is None or shared.record is not self.record:
+            return read()
+        key = what, self._span
+        if key not in shared.found:
+            shared.found[key] = read()
+        return shared.found[key]
+
+    def _crossings(self, levels: Sequence[float] | Array) -> Array:
+        """Times of levels from the step."""
+        shared, dtype = _SHARED.get(), self.delay.dtype
+        known = [] if shared is None or isinstance(levels, Array) else shared.levels
+        if not known or not set(levels) <= set(known):
+            return crossing_times(self.safe, jnp.asarray(levels, dtype))
+        every = lambda: crossing_times(self.safe, jnp.asarray(known, dtype))  # noqa: E731
+        return self._once("crossings", every)[np.array([known.index(level) for level in levels])]
 
     def remember(self, status: Status, **details: Array) -> None:
         """What else a method reads: whether that can be used, and what it is, by name."""
@@ -157,6 +199,20 @@ class Reading:
         )
         details = nan_where(unread(status), details) | self.record.details
         return conclude(self.record, model, status, details=details)
+
+
+def _held(record: StepRecord, span: Span) -> tuple[Status, StepRecord]:
+    """Status, and the usable record, smoothed, with its levels held.
+
+    They are read before LOESS: all that follows speaks of shares of the same change.
+    """
+    problem, safe = usable_record(record)
+    return problem, eqx.tree_at(
+        lambda r: (r.y, r.initial, r.final),
+        safe,
+        (smoothed(safe, span), *levels_of(safe)),
+        is_leaf=lambda x: x is None,
+    )
 
 
 def own_delay(raw: Scalar, scale: Scalar) -> OwnDelay:
