@@ -10,6 +10,7 @@ from types import ModuleType, SimpleNamespace
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
 
 import stepax
@@ -59,6 +60,9 @@ def front(monkeypatch):
         chosen_method=lambda result: "fopdt_fit",
     )
     monkeypatch.setitem(sys.modules, "stepax._identify", module)
+    many = "stepax._identify_each"
+    monkeypatch.setattr(f"{many}.identify_filled", lambda *args: identify(args[0], args[1]))
+    monkeypatch.setattr(f"{many}.chosen_method", module.chosen_method)
     monkeypatch.setattr("stepax._compare.compare", compare)
     return calls
 
@@ -171,6 +175,108 @@ def test_a_failure_while_writing_leaves_the_old_files(capsys, front, csv, tmp_pa
     assert "No space left" in message
     assert plot.read_text() == data.read_text() == "old"
     assert len(list(tmp_path.iterdir())) == 3
+
+
+# Several files
+
+
+NAMES = ("a", "b", "bad")
+
+
+@pytest.fixture
+def folder(csv):
+    """Two records, and a file that is none."""
+    place = csv.parent / "runs"
+    place.mkdir()
+    for name in ("a.csv", "b.csv"):
+        (place / name).write_bytes(csv.read_bytes())
+    (place / "bad.csv").write_text("time,level\n")
+    (place / "readme.txt").write_text("no record\n")
+    return place
+
+
+def table_rows(out, names):
+    """The row of each file, in the order of the output."""
+    rows = [line for line in out.splitlines() if any(f"{name}.csv" in line for name in names)]
+    return [row for row in rows if not row.startswith("Written")]
+
+
+def test_a_folder(capsys, front, folder, tmp_path):
+    pictures, frame = tmp_path / "pictures", tmp_path / "all.csv"
+    out = success(capsys, "identify", folder, "--plot", pictures, "--csv", frame)
+    rows = table_rows(out, NAMES)
+    assert [row.split()[0] for row in rows] == [str(folder / f"{x}.csv") for x in NAMES]
+    assert all("FOPDT" in row and "0.8" in row for row in rows[:2])
+    assert "no rows of data" in rows[2] and "FOPDT" not in rows[2] and "readme" not in out
+    assert front.methods == ["auto", "auto"]
+    assert sorted(path.name for path in pictures.iterdir()) == ["a.png", "b.png"]
+    assert all(path.read_bytes().startswith(b"\x89PNG") for path in pictures.iterdir())
+    assert all(f"Written: {path}" in out for path in (*pictures.iterdir(), frame))
+    written = pd.read_csv(frame)
+    assert list(written["source"]) == [str(folder / f"{x}.csv") for x in NAMES]
+    assert list(written["method"])[:2] == ["fopdt_fit"] * 2 and list(written["T"])[:2] == [60, 60]
+    assert list(written["status"]) == ["successful"] * 2 + ["unreadable"]
+
+
+def test_several_files_with_columns_and_method(capsys, front, csv, folder):
+    columns = ["--time", "time (s)", "--output", "3", "--input", "valve (%)"]
+    out = success(capsys, "identify", csv, folder / "b.csv", *columns, "--method", "strejc")
+    assert len(table_rows(out, ["run 1", "b"])) == 2 and front.methods == ["strejc"] * 2
+
+
+def test_a_folder_of_one_file(capsys, front, folder):
+    for name in ("b.csv", "bad.csv"):
+        (folder / name).unlink()
+    assert len(table_rows(success(capsys, "identify", folder), ["a"])) == 1
+
+
+def test_files_of_one_name_get_different_pictures(capsys, front, csv, tmp_path):
+    """Also where another file has the name that a number would make."""
+    paths = [tmp_path / folder / name for folder in "xyz" for name in ("run_2.csv", "run.csv")]
+    for path in paths:
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(csv.read_bytes())
+    pictures = tmp_path / "pictures"
+    out = success(capsys, "identify", *paths, "--plot", pictures)
+    assert len(list(pictures.iterdir())) == len(paths) == 6
+    assert {"run.png", "run_2.png"} < {path.name for path in pictures.iterdir()}
+    assert out.count("Written: ") == 6
+
+
+def test_no_file_can_be_used(capsys, front, csv, folder, tmp_path):
+    before = sorted(tmp_path.rglob("*"))
+    more = ["--csv", tmp_path / "all.csv", "--plot", tmp_path / "pictures"]
+    message = failure(capsys, "identify", folder / "bad.csv", "missing.csv", *more)
+    assert "No file could be used" in message and "bad.csv has a header" in message
+    front.status = Status.no_inflection
+    message = failure(capsys, "identify", csv, folder / "a.csv", *more)
+    assert str(csv) in message and Status[Status.no_inflection] in message
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["runs", "--json", "a.json"], ["--csv OUT.csv"]),
+        (["runs", "run 1.csv", "--example", "heater"], ["--csv"]),
+        (["run 1.csv", "--csv", "all.csv"], ["--csv is for several files"]),
+        (["--example", "heater", "--csv", "all.csv"], ["--csv is for several files"]),
+        (["runs", "--plot", "run 1.csv"], ["run 1.csv is no folder"]),
+        (["runs", "--plot", "no/where"], ["no folder no"]),
+        (["runs", "--csv", "runs/a.csv"], ["is the record"]),
+        (["runs", "--csv", "nowhere/all.csv"], ["nowhere"]),
+        (["empty", "runs/none"], ["No file could be used"]),
+        (["empty"], ["no CSV files in empty"]),
+        (["runs", "--method", "magic"], ["magic"]),
+    ],
+)
+def test_wrong_combinations(capsys, front, folder, tmp_path, monkeypatch, options, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    before = sorted(tmp_path.rglob("*"))
+    message = failure(capsys, "identify", *options)
+    assert all(word in message for word in words)
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_methods(capsys, monkeypatch):

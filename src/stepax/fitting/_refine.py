@@ -10,7 +10,7 @@ from jaxtyping import Array
 
 from .._arrays import Samples
 from .._result import Identification, conclude
-from .._status import first_problem
+from .._status import first_problem, refused
 from ..models._abstract import AbstractPlant
 from ..models._spread import DEFAULT_ORDERS, check_orders
 from ..records._record import StepRecord
@@ -87,7 +87,8 @@ def concluded(fitted: Fitted, record: StepRecord, errors: bool = True) -> Identi
         "steps": fitted.steps,
         "at_bound": problem.at_bound(x),
         "parameters": fitted.parameters,
-        "aicc": fitted.aicc,
+        # That of a refused record would be of what stands in for it.
+        "aicc": jnp.where(refused(status), jnp.nan, fitted.aicc),
     }
     if problem.threshold is not None:
         details["noise_level"] = fitted.noise_level

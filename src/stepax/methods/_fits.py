@@ -20,7 +20,7 @@ from ..fitting._refine import check_options, concluded
 from ..models._abstract import AbstractPlant
 from ..models._plants import Hudzovic, PTn, Sani
 from ..models._spread import DEFAULT_ORDERS, check_orders
-from ..records._record import StepRecord
+from ..records._record import StepRecord, with_weights
 from ._starts import (
     chain_start,
     first_order_start,
@@ -182,10 +182,13 @@ WITH_REASON = {"sopdt_zero_fit": search_sopdt_zero, "ipdt_fit": search_ipdt}
 
 
 def _concluded(search: Callable[..., Fitted], record: StepRecord, options) -> Identification:
-    """The result of a search; standard errors unless `errors` is off."""
+    """The result of a search; standard errors unless `errors` is off.
+
+    Weights given to the fit are the record's from here on: a start leaves out the same rows.
+    """
     options = dict(options)
-    errors = options.pop("errors", True)
-    return concluded(search(record, **options), record, errors)
+    errors, weights = options.pop("errors", True), options.pop("weights", None)
+    return concluded(search(with_weights(record, weights), **options), record, errors)
 
 
 def _checked_fit(record: StepRecord, start: AbstractPlant, options: dict[str, Any]) -> Fitted:

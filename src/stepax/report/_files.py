@@ -100,17 +100,23 @@ def check_table(path: Path | None, sources: list[Path]) -> None:
 
 
 def write_pictures(outcomes: "Sequence[Outcome]", folder: Path | None) -> list[Path]:
-    """A picture of each model, named after its file; files of one name are told apart by number."""
+    """A picture of each model, named after its file; files of one name are told apart by number.
+
+    No number makes the name of another file: `run.csv` twice beside `run_2.csv` gives `run_3.png`.
+    """
     if folder is None:
         return []
     folder.mkdir(exist_ok=True)
+    names = {Path(file.source).stem for file in outcomes}
     written: list[Path] = []
     for file in outcomes:
         if not file.has_model or file.result is None:
             continue
         name = Path(file.source).stem
-        same = sum(path.stem.rpartition("_")[0] == name or path.stem == name for path in written)
-        path = folder / (f"{name}_{same + 1}.png" if same else f"{name}.png")
+        path, number = folder / f"{name}.png", 1
+        while path in written or (number > 1 and path.stem in names):
+            number += 1
+            path = folder / f"{name}_{number}.png"
         _replace({path: _picture(file.result.plot(), "png")})
         written.append(path)
     return written
