@@ -112,14 +112,26 @@ def test_what_is_wrong_for_all_raises():
         identify_each([record()], FAST, colour="red")
     with pytest.raises(ValueError, match="no option 'colour'"):
         identify_each([record()], colour="red")
-    with pytest.raises(TypeError, match="records and paths, got int"):
-        identify_each([1], FAST)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(TypeError):
+        identify_each(iter([1]), FAST)  # pyright: ignore[reportArgumentType]
 
 
 def test_progress_goes_to_stderr(capsys):
     found = identify_each((record(rows) for rows in (60, 70)), FAST, progress=True)
     captured = capsys.readouterr()
     assert len(found) == 2 and captured.out == "" and "Identifying" in captured.err
+
+
+def test_a_record_that_is_too_short_for_the_span():
+    """It is told by its own rows, not by the length that it is filled up to."""
+    for rows in (8, 20):
+        with pytest.raises(ValueError, match=f"span=0.15 of {rows} samples is a window of"):
+            identify(record(rows), "tangent_63", span=0.15)
+    found = identify_each([record(8), record(60), record(20)], "tangent_63", span=0.15)
+    assert [outcome.has_model for outcome in found.outcomes] == [False, True, False]
+    assert "LOESS needs at least 4" in found.to_frame()["notes"][2]
+    with pytest.raises(ValueError, match="span must lie in"):
+        identify_each([record(8)], "tangent_63", span=1.5)
 
 
 # One record
@@ -178,17 +190,21 @@ def compilations():
     "method", [FAST, "fopdt_fit", pytest.param("auto", marks=pytest.mark.long)]
 )
 def test_another_length_on_a_rung_compiles_nothing(method):
+    first, *others = [record(rows, labels=Labels(f"{rows}")) for rows in (114, 111, 146)]
+    many = [record(rows, labels=Labels(f"{rows}")) for rows in (129, 300, 512)]
+    identify(first, method)
+    assert rung(111) == rung(146) == 148
     with compilations() as seen:
-        identify(record(114), method)
-    assert seen or method != "auto"
-    with compilations() as seen:
-        identify(record(110, labels=Labels("b")), method)
-        identify(record(146), method)
-    assert rung(110) == rung(146) == 147 and seen == []
-    identify_each([record(140)], method)
-    with compilations() as seen:
-        identify_each([record(rows, labels=Labels(f"{rows}")) for rows in (129, 300, 512)], method)
+        for other in others:
+            identify(other, method)
     assert seen == []
+    identify_each([first, record(140)], method)
+    with compilations() as seen:
+        identify_each(many, method)
+    assert seen == []
+    with compilations() as seen:
+        identify(many[-1], method)
+    assert seen  # of another rung: the events are counted
 
 
 def test_the_ladder_is_at_most_a_third_longer():

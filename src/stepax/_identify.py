@@ -18,6 +18,7 @@ from .methods import METHODS
 from .methods._fits import AUTO, WITH_REASON, FitOptions
 from .methods._method import option_names, prepared
 from .models._abstract import AbstractPlant
+from .records._preprocess import window_of
 from .records._record import StepRecord, compact, padded_record, predict, with_weights
 from .records._signs import Signs, signs
 
@@ -65,11 +66,18 @@ def identify_filled(
         refuse_tracers(record, 'identify(method="auto")')
         known = AUTO_OPTIONS if method == "auto" else option_names(METHODS[method])
         options = prepared(method, known, record, options)
+        check_length(record, options)
         filled = filled_record(record, options.pop("weights", None), length)
         run = _identify_auto if method == "auto" else METHODS[method]
         with quick_compilation():
             result = run(filled, **options)
     return dataclasses.replace(result, record=record, details=result.details | record.details)
+
+
+def check_length(record: StepRecord, options: dict[str, Any]) -> None:
+    """A `ValueError` for a record that is too short to be smoothed; filled up it may not be."""
+    if options.get("span") is not None:
+        window_of(record.t.size, options["span"])
 
 
 def filled_record(

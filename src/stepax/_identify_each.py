@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ._compilation import coarse_rung
-from ._identify import chosen_method, identify_filled
+from ._identify import check_length, chosen_method, identify_filled
 from ._notes import notes_of
 from ._result import Identification
 from ._status import Status, refused, status_name
+from .records._preprocess import check_span
 from .records._read import read_record
 from .records._record import StepRecord
 
@@ -27,7 +28,8 @@ BAD_INPUT = (ValueError, TypeError, KeyError, OSError, ImportError)
 class Outcome(NamedTuple):
     """What became of one record: its source, the method kept, the result, or why there is none.
 
-    `result` is None where the record could not be read; `reason` is empty where there is a model.
+    `result` is None where the record could not be read, or is too short for the `span` asked for;
+    `reason` is empty where there is a model.
     """
 
     source: str
@@ -137,8 +139,11 @@ def each_of(
 
 def _outcome(source: str, read: Callable[[], StepRecord], method: str, options) -> Outcome:
     """What becomes of one record."""
+    if options.get("span") is not None:
+        check_span(options["span"])  # wrong for all, while a record may be too short for it
     try:
         record = read()
+        check_length(record, options)
     except BAD_INPUT as error:
         return Outcome(source, "", None, str(error.args[0]) if error.args else str(error))
     result = identify_filled(record, method, options, coarse_rung)

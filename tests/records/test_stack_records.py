@@ -56,7 +56,7 @@ def test_the_batch_holds_what_the_records_hold():
         np.testing.assert_array_equal(ours.y, theirs.y)
 
 
-@pytest.mark.parametrize("levels", [{}, {"initial": 0.0}, {"initial": 0.0, "final": 1.0}])
+@pytest.mark.parametrize("levels", [{}, {"initial": 0.0, "final": 1.0}])
 def test_a_small_batch(levels):
     records = list(ragged(3, 60, 80, **levels))
     run = figures("smith_1972")

@@ -29,7 +29,7 @@ def loess(
 ) -> Samples:
     """`smooth` at the times `at`, from the first `count` samples."""
     samples = t.shape[0]
-    longest = window = _window(samples, span)
+    longest = window = window_of(samples, span)
     if count is not None and not isinstance(count, int):
         # A table, since a product in single precision may round up to another whole number.
         table = np.maximum(4, np.ceil(span * np.arange(samples + 1)))
@@ -62,9 +62,15 @@ def loess(
     return (r0 - b * r2 - c * (r1 - a * r2)) / (s0 - s2 * b - c * (s1 - s2 * a))
 
 
-def _window(samples: int, span: float) -> int:
+def check_span(span: float) -> None:
+    """A `ValueError` for what no record can be smoothed with."""
     if not 0 < span <= 1:
         raise ValueError(f"span must lie in (0, 1], got {span!r}.")
+
+
+def window_of(samples: int, span: float) -> int:
+    """Number of samples in a window of LOESS; a `ValueError` if the record is too short for it."""
+    check_span(span)
     count = math.ceil(span * samples)
     if count < 4:
         raise ValueError(

@@ -54,12 +54,12 @@ def _as_number(value: Any, name: str, dtype) -> Array:
 
 
 def _as_rows(rows: Any, size: int) -> Array:
-    rows = jnp.asarray(rows)
+    rows = rows if isinstance(rows, jax.Array) else np.asarray(rows)
     if not jnp.issubdtype(rows.dtype, jnp.integer) or rows.ndim:
         raise TypeError(f"rows of a StepRecord must be a whole number, got {rows!r}.")
     if not isinstance(rows, Tracer) and not 0 <= int(rows) <= size:
         raise ValueError(f"rows of a StepRecord must lie in 0..{size}, got {rows}.")
-    return rows
+    return jnp.asarray(rows)
 
 
 class StepRecord(eqx.Module):
