@@ -9,7 +9,7 @@ from scipy.optimize import curve_fit
 from tests.fits import COMPILED, START, STEP_SIZE, STEP_TIME, TRUE, T, simulated
 
 from stepax import FOPDT, SOPDT, Status, StepRecord, refine
-from stepax.fitting._certainty import aicc
+from stepax.fitting._fitted import aicc
 from stepax.records._record import predict
 
 
