@@ -175,7 +175,7 @@ def compilations():
     """Names of the events of the compiler while it holds."""
     seen = []
 
-    def listen(event, seconds, **about):
+    def listen(event: str, duration_secs: float, **kwargs: str | int):
         if "backend_compile" in event:
             seen.append(event)
 

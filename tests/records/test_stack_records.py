@@ -37,7 +37,8 @@ def one(batch, k):
 
 def same(ours, theirs):
     for a, b in zip(jax.tree.leaves(ours), jax.tree.leaves(theirs), strict=True):
-        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-12)
+        # offsets and dead times may be 0 but for noise: beside changes of 1, and times of 20
+        np.testing.assert_allclose(a, b, rtol=1e-9, atol=1e-10)
 
 
 def test_the_batch_holds_what_the_records_hold():
