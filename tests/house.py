@@ -37,8 +37,11 @@ ROOMS = (
 )
 """Rooms of the house, from the ground up: a room imports only from those before it."""
 
-PLANTS = "Hudzovic|Sani|EqualLag|PTn|FOPDT|SOPDT|SOPDTZero|IPDT"
-OWNERS = re.compile(r"models/|_models|_coordinates|fitting/_families")
+PLANTS = frozenset(
+    "Hudzovic Sani EqualLag PTn FOPDT SOPDT SOPDTZero IPDT"
+    " AbstractSpreadChain AbstractChain".split()
+)
+OWNERS = re.compile(r"models/|fitting/_families")
 """Files that may ask for the class of a plant."""
 
 
@@ -54,24 +57,40 @@ def room(module: str) -> str:
 
 
 def imports(module: str, text: str, known: set[str]) -> Iterator[str]:
-    """Modules of the package that a module imports."""
+    """Modules of the package that a module imports, relatively or by the package's name."""
     for node in ast.walk(ast.parse(text)):
-        if not isinstance(node, ast.ImportFrom) or not node.level:
-            continue
-        base = module.split(".")[: -node.level]
-        target = ".".join([*base, *(node.module.split(".") if node.module else [])])
-        if target in known:
-            yield target
-        elif f"{target}.__init__" in known:
-            inside = [f"{target}.{alias.name}" for alias in node.names]
-            yield from [name if name in known else f"{target}.__init__" for name in inside]
+        if isinstance(node, ast.Import):
+            targets = [alias.name for alias in node.names]
+            wanted = [name.split(".")[1:] for name in targets if name.split(".")[0] == "stepax"]
+            yield from (found for name in wanted for found in _resolved(name, known))
+        elif isinstance(node, ast.ImportFrom):
+            parts = node.module.split(".") if node.module else []
+            if node.level:
+                base = [*module.split(".")[: -node.level], *parts]
+            elif parts[:1] == ["stepax"]:
+                base = parts[1:]
+            else:
+                continue
+            for alias in node.names:
+                yield from _resolved([*base, alias.name], known)
+
+
+def _resolved(name: list[str], known: set[str]) -> Iterator[str]:
+    """The module that a dotted name leads into; the public surface counts as one."""
+    for length in range(len(name), 0, -1):
+        for candidate in (".".join(name[:length]), ".".join([*name[:length], "__init__"])):
+            if candidate in known:
+                yield candidate
+                return
+    yield "__init__"
 
 
 def graph(package: Path = PACKAGE) -> dict[str, set[str]]:
     """Which modules each module imports; the public surface is left out."""
     texts = sources(package)
+    known = set(texts)
     texts.pop("__init__", None)
-    return {module: set(imports(module, text, set(texts))) for module, text in texts.items()}
+    return {module: set(imports(module, text, known)) for module, text in texts.items()}
 
 
 def circles(arrows: dict[str, set[str]]) -> list[set[str]]:
@@ -102,17 +121,40 @@ def running_up(arrows: dict[str, set[str]], rooms=ROOMS) -> list[tuple[str, str]
 
 
 def class_tests(package: Path = PACKAGE) -> list[str]:
-    """Places outside models and families where the class of a plant is asked for."""
-    question = re.compile(
-        rf"isinstance\([^)]*\b({PLANTS})\b|\bis (not )?({PLANTS})\b|issubclass\([^)]*\b({PLANTS})\b"
-    )
+    """Places outside models and families where the class of a plant is asked for.
+
+    In a comparison, a `match`, a dictionary's keys, or a question such as `isinstance`, by the
+    class itself or by its name.
+    """
     return [
-        f"{file.relative_to(package)}:{i}"
+        f"{file.relative_to(package)}:{line}"
         for file in sorted(package.rglob("*.py"))
         if not OWNERS.match(str(file.relative_to(package)))
-        for i, line in enumerate(file.read_text().splitlines(), 1)
-        if question.search(line)
+        for line in sorted(set(_questions(ast.parse(file.read_text()))))
     ]
+
+
+def _questions(tree: ast.AST) -> Iterator[int]:
+    for node in ast.walk(tree):
+        asked: list[ast.AST | None] = []
+        if isinstance(node, ast.Compare):
+            asked = [node.left, *node.comparators]
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            asked = list(node.args) if node.func.id in ("isinstance", "issubclass") else []
+        elif isinstance(node, ast.MatchClass):
+            asked = [node.cls]
+        elif isinstance(node, ast.Dict):
+            asked = list(node.keys)
+        inside = [x for part in asked if part is not None for x in ast.walk(part)]
+        if any(_name(x) in PLANTS for x in inside):
+            yield node.lineno  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def _name(node: ast.AST) -> str:
+    """Name, attribute or text that a node is."""
+    if isinstance(node, ast.Constant):
+        return node.value if isinstance(node.value, str) else ""
+    return getattr(node, "id", getattr(node, "attr", ""))
 
 
 def functions(package: Path = PACKAGE) -> list[tuple[int, str]]:

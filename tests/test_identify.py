@@ -1,6 +1,8 @@
 """The front door: auto, named methods, comparison, real records."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import jax
@@ -230,3 +232,27 @@ def test_every_detail_is_listed():
 def test_unknown_options_of_auto():
     with pytest.raises(ValueError, match=r"no option 'bad'.*fixed"):
         identify(noisy(INVERSE, 0.0, 0), bad=1)
+
+
+def test_auto_in_a_context_of_jax():
+    """Its threads work in the caller's precision."""
+    code = (
+        "import jax, numpy as np, stepax\n"
+        "t = np.linspace(0.0, 60.0, 100)\n"
+        "with jax.enable_x64(True):\n"
+        "    result = stepax.identify(stepax.StepRecord(t, 1 - np.exp(-t / 8)))\n"
+        "print(result.rmse.dtype, result.model.gain.dtype)\n"
+    )
+    run = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True
+    )
+    assert run.stdout.split() == ["float64", "float64"], run.stderr
+
+
+def test_orders_of_auto():
+    record = noisy(Sani(T=1.0, r=0.5, n=4, gain=2.0), 0.001, 0)
+    result = identify(record, orders=iter([2, 3]), errors=False)
+    assert chosen_method(result) in AUTO
+    chains = [METHODS[name](record, orders=(2, 3)) for name in ("hudzovic_fit", "sani_fit")]
+    for name, chain in zip(("hudzovic_fit", "sani_fit"), chains, strict=True):
+        np.testing.assert_allclose(result.details[f"aicc_{name}"], chain.details["aicc"], rtol=1e-6)

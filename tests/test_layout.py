@@ -1,10 +1,22 @@
 """The order of the rooms: what may import what, and how large a file may grow."""
 
+import ast
 import subprocess
 import sys
 
 import pytest
-from tests.house import ROOMS, circles, class_tests, graph, room, running_up, sources
+from tests.house import (
+    ROOMS,
+    _questions,
+    circles,
+    class_tests,
+    functions,
+    graph,
+    imports,
+    room,
+    running_up,
+    sources,
+)
 
 
 def test_every_file_stands_in_a_room():
@@ -21,6 +33,29 @@ def test_no_circles():
 
 def test_no_file_outgrows_a_reader():
     assert {m: text.count("\n") for m, text in sources_longer_than(400).items()} == {}
+
+
+def test_no_function_of_the_engine_outgrows_a_screen():
+    long = [x for x in functions() if x[0] > 60 and x[1].startswith(("fitting.", "methods."))]
+    assert long == []
+
+
+def test_questions_and_imports_are_seen():
+    """What these tests look for is found in each of its forms."""
+    code = ["x is Sani", "type(m) == Sani", "isinstance(f(x),\n Sani)", "{Sani: 1}", "n == 'Sani'"]
+    code += ["match m:\n case Sani():\n  pass"]
+    assert all(list(_questions(ast.parse(line))) for line in code)
+    assert not list(_questions(ast.parse("from .a import Sani\nSani(T=1)\ndef f(x: Sani): ...")))
+    known = {"_b", "a._c", "__init__"}
+    for line, target in [
+        ("import stepax._b", "_b"),
+        ("from stepax._b import x", "_b"),
+        ("from .. import _b", "_b"),
+        ("from ..a import _c", "a._c"),
+        ("from .. import refine", "__init__"),
+        ("def f():\n from ..a._c import x", "a._c"),
+    ]:
+        assert list(imports("a._d", line, known)) == [target], line
 
 
 def sources_longer_than(lines):

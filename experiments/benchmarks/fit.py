@@ -99,7 +99,7 @@ def by_optimistix(family, everything, t, y, T, r, delay, n):
 
 
 def coordinates(family, T, r, n):
-    """Sum of the lags, and squared contrast of the extreme rates (`stepax._coordinates`)."""
+    """Sum of the lags, and squared contrast of the extreme rates (`fitting._coordinates`)."""
     s = 1 - (n - 1) * r if family is Hudzovic else r
     return np.sum(chain_lags(family, T, r, n)), ((1 - s) / (1 + s)) ** 2
 

@@ -138,6 +138,9 @@ def compare(
     if isinstance(methods, str):
         raise TypeError(f"methods must be a sequence of names, such as methods=[{methods!r}].")
     names = list(METHODS) if methods is None else list(methods)
+    for name in names:
+        if name not in METHODS:
+            raise KeyError(f"Unknown method {name!r}; known are {', '.join(METHODS)}.")
     if not names:
         raise ValueError(f"compare needs at least one method; known are {', '.join(METHODS)}.")
     results = _results(record, names)

@@ -1,5 +1,6 @@
 """How functions are compiled: in full or quickly, for which lengths, one by one or side by side."""
 
+import contextlib
 import functools
 import os
 from collections.abc import Callable, Iterable
@@ -20,6 +21,17 @@ QUICK: dict[str, Any] = {
 }
 if jax.__version_info__[:2] == (0, 10):  # an XLA that does not know an option refuses to compile
     QUICK["xla_cpu_use_fusion_emitters"] = False
+
+
+CONTEXTS: dict[str, Callable[[Any], AbstractContextManager]] = {
+    "enable_x64": jax.enable_x64,
+    "default_device": jax.default_device,
+    "default_matmul_precision": jax.default_matmul_precision,
+    "numpy_rank_promotion": jax.numpy_rank_promotion,
+    "debug_nans": jax.debug_nans,
+    "disable_jit": jax.disable_jit,
+}
+"""Contexts of JAX's that a user may have entered, by the name of their setting."""
 
 
 def quick_compilation() -> AbstractContextManager[None]:
@@ -82,12 +94,17 @@ def coarse_rung(size: int) -> int:
 def side_by_side(tasks: Iterable[Callable[[], Any]]) -> list[Any]:
     """Results of tasks, each in a thread: compiling, most of a first answer, uses all cores.
 
-    A thread does not inherit the context of its maker: each enters it again.
+    A thread does not inherit the contexts of its maker, such as `with jax.enable_x64(True)`: each
+    enters them again.
     """
     looped = LOOPED.value
+    values = {name: getattr(jax.config, f"jax_{name}") for name in CONTEXTS}
 
     def run(task: Callable[[], Any]) -> Any:
-        with LOOPED(looped):
+        with contextlib.ExitStack() as stack:
+            stack.enter_context(LOOPED(looped))
+            for name, value in values.items():
+                stack.enter_context(CONTEXTS[name](value))
             return task()
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:

@@ -15,7 +15,7 @@ from ._status import refused
 from .fitting._fitted import Fitted, aicc
 from .fitting._refine import concluded
 from .methods import METHODS
-from .methods._fits import AUTO, WITH_REASON, FitOptions
+from .methods._fits import AUTO, CHAINS, WITH_REASON, FitOptions
 from .methods._method import option_names, prepared
 from .models._abstract import AbstractPlant
 from .records._preprocess import window_of
@@ -23,8 +23,8 @@ from .records._record import StepRecord, compact, padded_record, predict, with_w
 from .records._signs import Signs, signs
 
 
-AUTO_OPTIONS = tuple(FitOptions.__annotations__)
-"""Options of `identify(method="auto")`: those of every fit."""
+AUTO_OPTIONS = (*FitOptions.__annotations__, "orders")
+"""Options of `identify(method="auto")`: those of every fit, and the orders that chains try."""
 
 
 def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identification:
@@ -40,7 +40,8 @@ def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identi
         is better by more than 10, the latter also if it is as good as that of a model whose gain
         would be extrapolated to more than twice what was seen. `.details` holds `aicc_<method>` of
         each that was tried, the signs in the record, and `chosen` (`chosen_method`).
-    - `options`: passed to the method; see its docstring. "auto" takes those of `refine`.
+    - `options`: passed to the method; see its docstring. "auto" takes those of `refine`, and
+        `orders` for the chains.
 
     **Returns:** `Identification`. What is wrong with the values of the record is in its `.status`.
     A named method is clean under `jit`, `vmap` and `grad`; "auto" chooses between classes on the
@@ -107,11 +108,15 @@ HALF_SEEN = 0.5
 """Share of its change that a record must show of a settling model, to be told from a ramp."""
 
 
-def _identify_auto(record: StepRecord, errors: bool = True, **options: Any) -> Identification:
+def _identify_auto(
+    record: StepRecord, errors: bool = True, orders: tuple[int, ...] | None = None, **options: Any
+) -> Identification:
     """Of a filled record; the searches compile side by side."""
     names = sorted(AUTO, key=lambda name: name != "sani_fit")  # what takes longest begins
     searched = {name: _searched_long if name == "sani_fit" else _searched for name in names}
-    tasks = [partial(searched[name], AUTO[name], record, options) for name in names]
+    chains = {} if orders is None else {"orders": orders}
+    asked = {name: options | chains if name in CHAINS else options for name in names}
+    tasks = [partial(searched[name], AUTO[name], record, asked[name]) for name in names]
     found = dict(zip(names, side_by_side(tasks), strict=True))
     fits: dict[str, Fitted] = {name: found[name] for name in AUTO}
     scores = {name: float(fit.score) for name, fit in fits.items()}
@@ -141,13 +146,14 @@ def _kept(record: StepRecord, fit: Fitted, score: dict[str, float], best: str) -
 
     What was tried for a reason must be clearly better. A ramp is the limit of settling models, none
     of which it can beat by much: it is kept where it is as good, and the best of them would have to
-    extrapolate its gain to more than twice the change that the record shows.
+    extrapolate its gain, not being known, to more than twice the change that the record shows.
     """
     others = [name for name in WITH_REASON if name in score]
     winner = min(others, key=score.__getitem__, default=best)
     if score[winner] < score[best] - CLEARLY_BETTER:
         return winner
-    if "ipdt_fit" in others and score["ipdt_fit"] <= score[best]:
+    extrapolates = record.final is None and "gain" not in fit.problem.fixed
+    if extrapolates and "ipdt_fit" in others and score["ipdt_fit"] <= score[best]:
         if not float(_share_shown(fit)) > HALF_SEEN:
             return "ipdt_fit"
     return best

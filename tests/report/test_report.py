@@ -56,7 +56,6 @@ def test_warnings():
         "quantisation": 0.32,
         "residuals_correlated": True,
         "residual_autocorrelation": 0.93,
-        "not_settled": True,
     }
     details = {name: jnp.asarray(value) for name, value in details.items()}
     model = FOPDT(T=10.0, gain=5.0, offset=20.0)

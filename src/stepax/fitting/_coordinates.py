@@ -58,6 +58,16 @@ def decode_ratio(x, exact: bool = False) -> Array:
     return jnp.where(x <= 0, 1, jnp.where(x >= 1, 0, s)) if exact else s
 
 
+def encode_lag(T: Scalar, unit: Scalar) -> Array:
+    """ln T."""
+    return jnp.log(jnp.reshape(T / unit, (1,)))
+
+
+def decode_lag(x: Coordinates, unit: Scalar) -> dict[str, Array]:
+    """T at its coordinate."""
+    return {"T": unit * jnp.exp(x[0])}
+
+
 def encode_second_order(zeta: Scalar, omega_n: Scalar, unit: Scalar) -> Array:
     """Coordinates of damping and period."""
     period = jnp.log1p(4 * zeta**2) / 2 - jnp.log(omega_n * unit)

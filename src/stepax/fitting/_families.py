@@ -28,8 +28,10 @@ from ._coordinates import (
     LOG_TIME,
     LONGEST_LAG,
     OtherStart,
+    decode_lag,
     decode_ratio,
     decode_second_order,
+    encode_lag,
     encode_ratio,
     encode_second_order,
     half_interval,
@@ -195,11 +197,11 @@ class FirstOrderFamily(AbstractFamily):
 
     def encode(self, unit: Scalar) -> Array:
         """ln T."""
-        return jnp.log(jnp.reshape(self.model.T / unit, (1,)))
+        return encode_lag(self.model.T, unit)
 
     def decode(self, x: Coordinates, unit: Scalar, exact: bool) -> dict[str, Array]:
         """T."""
-        return {"T": unit * jnp.exp(x[0])}
+        return decode_lag(x, unit)
 
 
 class WholeOrderFamily(AbstractFamily):
@@ -212,11 +214,11 @@ class WholeOrderFamily(AbstractFamily):
 
     def encode(self, unit: Scalar) -> Array:
         """ln T."""
-        return jnp.log(jnp.reshape(self.model.T / unit, (1,)))
+        return encode_lag(self.model.T, unit)
 
     def decode(self, x: Coordinates, unit: Scalar, exact: bool) -> dict[str, Array]:
         """T."""
-        return {"T": unit * jnp.exp(x[0])}
+        return decode_lag(x, unit)
 
     def with_order(self, n: Array) -> AbstractPlant:
         """The same sum of lags."""

@@ -89,7 +89,7 @@ def fit(
         found = optimum(problem, problem.start(), solver, max_steps)
     converged = Status.where(found.converged, Status.successful, Status.not_converged)
     parameters = len(problem.free_scalars) - jnp.sum(problem.absent)
-    square = problem.loss(found.x) * problem.range**2
+    square = problem.loss(found.x, problem.plant(found.x)[1]) * problem.range**2
     return Fitted(
         problem=problem,
         x=found.x,

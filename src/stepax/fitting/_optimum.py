@@ -100,7 +100,7 @@ def _solve(problem, start, lower, upper, solver, max_steps) -> tuple[Optimum, Ar
     if problem.individual and start.size > 1:
         options |= {"curvature": curvature, "retract": retract}
     solution = optx.least_squares(
-        lambda x, fit: problem.residual(x),
+        lambda x, problem: problem.residual(x),
         solver,
         tuple(start),
         problem,

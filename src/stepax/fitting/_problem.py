@@ -197,9 +197,9 @@ class Problem(eqx.Module):
         error = self.errors(x, g)
         return error if self.threshold is None else huber_residual(error, self.threshold)
 
-    def loss(self, x: Coordinates) -> Scalar:
-        """Sum of the squares of the residuals, in units of the range."""
-        return jnp.sum(self.residual(x) ** 2)
+    def loss(self, x: Coordinates, g: Samples | None = None) -> Scalar:
+        """Sum of the squares of the residuals, in units of the range; g as in `errors`."""
+        return jnp.sum(self.residual(x, g) ** 2)
 
     def linearised(self, x: Array) -> tuple[Samples, list[Samples]]:
         """Residuals, and their derivative in each coordinate.

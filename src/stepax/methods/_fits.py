@@ -132,7 +132,7 @@ def search_ptn(record: StepRecord, **options: Any) -> Fitted:
         chain = chain_start(Sani, record, n, fixed)
         return PTn(lags=chain.lags[:size], delay=chain.delay)
 
-    return _chain_fit(start, record, {"orders": orders} | options)
+    return _chain_fit(start, record, options | {"orders": orders})
 
 
 def sopdt_zero_fit(record: StepRecord, **options: Unpack[FitOptions]) -> Identification:
@@ -176,6 +176,9 @@ AUTO = {
     "sani_fit": search_sani,
 }
 """Families that `identify(method="auto")` compares, simplest first."""
+
+CHAINS = ("hudzovic_fit", "sani_fit")
+"""Of these, those that choose an order."""
 
 WITH_REASON = {"sopdt_zero_fit": search_sopdt_zero, "ipdt_fit": search_ipdt}
 """Families that it tries only where the record gives a reason."""

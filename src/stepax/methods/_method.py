@@ -2,7 +2,7 @@
 
 import functools
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, get_args
 
 import jax
@@ -95,7 +95,7 @@ def option_names(method: Callable[..., Any]) -> tuple[str, ...]:
 
 def _static(value: Any) -> Any:
     """An option in plain Python, which can be hashed: arrays, ranges and sets as tuples."""
-    if isinstance(value, range | set | frozenset):
+    if isinstance(value, range | set | frozenset | Iterator):
         value = tuple(value)
     elif isinstance(value, np.ndarray | jax.Array) and not isinstance(value, Tracer):
         value = tuple(value.tolist()) if value.ndim else value.item()

@@ -111,7 +111,8 @@ SLOPE = {"dimension": "output/(input time)"}
 class AbstractPlant(eqx.Module):
     r"""Process model: $\text{offset} + \text{gain} \cdot g(t - \text{delay})$ for a unit step.
 
-    g rises from 0 to 1, monotone unless the model oscillates. Up to the delay the response is the
+    g rises from 0 to 1, monotone unless the model oscillates or has a zero; that of an integrator
+    ends as a ramp. Up to the delay the response is the
     offset. `gain` is output per unit of input, `delay` (dead time, >= 0) has the unit of time,
     `offset` the unit of the output; impulse and frequency response, static gain and exports leave
     the offset out.

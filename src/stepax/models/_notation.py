@@ -1,4 +1,4 @@
-"""Numbers, transfer functions and units as text; host code."""
+"""Numbers and transfer functions as text; host code."""
 
 import math
 import re

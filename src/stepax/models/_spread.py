@@ -52,5 +52,6 @@ def check_orders(orders: Iterable[int], least: int = 2) -> tuple[int, ...]:
 
 def check_spread_chain(model: Any) -> None:
     """A `TypeError` for what is no class of chains with lookup curves."""
-    if not (isinstance(model, type) and issubclass(model, AbstractSpreadChain)):
+    chain = isinstance(model, type) and issubclass(model, AbstractSpreadChain)
+    if not chain or model is AbstractSpreadChain:
         raise TypeError(f"lookup curves exist for the classes Hudzovic and Sani, got {model!r}.")

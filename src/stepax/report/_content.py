@@ -15,6 +15,7 @@ from .._identify_each import Outcome
 from .._notes import free_names, notes_of, with_unit
 from .._result import Identification
 from .._status import Status, refused, status_name
+from ..fitting._certainty import NORMAL_95
 from ..models._abstract import COMMON, AbstractPlant
 from ..models._notation import number, transfer_function_text
 from ..records._labels import Units
@@ -179,7 +180,7 @@ def _parameter_rows(result: Identification, units: Units) -> Iterator[ParameterR
     for label, name, value, std in _values(result):
         error, interval = "", ""
         if std > 0:
-            error, low, high = number(std, 2), value - 1.96 * std, value + 1.96 * std
+            error, low, high = number(std, 2), value - NORMAL_95 * std, value + NORMAL_95 * std
             interval = f"{like(low, std)} to {like(high, std)}"
         elif std == 0 and name not in free:
             error = "fixed"
