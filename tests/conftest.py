@@ -1,4 +1,5 @@
 import os
+from pathlib import Path
 
 import jax
 import pytest
@@ -22,3 +23,16 @@ def quick_compilation():
     else:
         with quick_compilation():
             yield
+
+
+MOST_MAPS = 30_000
+"""Memory maps of compiled code from which on it is let go; Linux ends a process at 65 530."""
+
+
+@pytest.fixture(autouse=True)
+def compiled_code_is_let_go():
+    """A long run compiles thousands of functions, each with maps of its own."""
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > MOST_MAPS:
+        jax.clear_caches()
