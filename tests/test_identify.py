@@ -221,7 +221,7 @@ def test_every_detail_is_listed():
     """Their names and meaning stand in `DETAILS`; levels and methods in its patterns."""
     patterns = [re.compile(r"t\d+(_\d+)?$"), re.compile(rf"aicc_({'|'.join(METHODS)})$")]
     record = noisy(Sani(T=1.0, r=0.5, n=2, gain=2.0), 0.0, 0)
-    results = [METHODS[name](record) for name in METHODS]
+    results = [row.result for row in compare(record).rows]
     results += [identify(record), METHODS["fopdt_fit"](record, loss="huber")]
     names = {name for result in results for name in result.details}
     assert {n for n in names if not any(p.match(n) for p in patterns)} <= set(DETAILS)

@@ -10,6 +10,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jax.core import Tracer
 
 
@@ -63,8 +64,9 @@ def compiled(function: Callable[..., Any], effort: int = 0) -> Callable[..., Any
 
 
 def is_traced(tree: Any) -> bool:
-    """Whether a value is part of a computation that JAX is tracing."""
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
+    """Whether a value is part of a computation that JAX is tracing, or this is within one."""
+    # within a trace even a constant of JAX's is traced
+    return any(isinstance(leaf, Tracer) for leaf in [jnp.zeros(()), *jax.tree.leaves(tree)])
 
 
 def rung(size: int) -> int:
