@@ -292,7 +292,7 @@ def problem_data(record: StepRecord, weights) -> tuple[Status, StepRecord, Sampl
     """
     status, safe = usable_record(with_weights(record, weights))
     if safe.weights is None:
-        return status, safe, jnp.where(safe.present, jnp.ones_like(safe.y), 0)
+        return status, safe, safe.present.astype(safe.y.dtype)
     return status, safe, safe.weights / jnp.max(safe.weights)
 
 

@@ -180,8 +180,9 @@ def noise_of(t: Samples, y: Samples, count: Count | int) -> Scalar:
     predicted = sum(w * v for w, v in zip(weights, values, strict=True))
     scale = jnp.sqrt(1 + sum(w * w for w in weights))
     square = ((y[2:-2] - predicted) / scale) ** 2
-    inside = jnp.arange(square.shape[0]) < count - 4
-    return jnp.sqrt(jnp.sum(jnp.where(inside, square, 0)) / (count - 4))
+    if not isinstance(count, int):
+        square = jnp.where(jnp.arange(square.shape[0]) < count - 4, square, 0)
+    return jnp.sqrt(jnp.sum(square) / (count - 4))
 
 
 def quantisation(y: Samples, count: Count | int | None = None) -> Scalar:
@@ -214,9 +215,12 @@ def estimate_levels(
     before = t <= step_time
     initial = jnp.sum(jnp.where(before, y, 0)) / jnp.maximum(jnp.sum(before), 1)
     initial = jnp.where(jnp.any(before), initial, y[0])
-    table = np.maximum(1, np.ceil(0.05 * np.arange(samples + 1))).astype(int)
-    tail = int(table[count]) if isinstance(count, int) else jnp.asarray(table)[count]
-    place = jnp.arange(samples)
-    end = (place >= count - tail) & (place < count)
     clean = noise_of(t, y, count) < 1e-4 * (jnp.max(y) - jnp.min(y))
-    return initial, jnp.where(clean, y[-1], jnp.sum(jnp.where(end, y, 0)) / tail)
+    table = np.maximum(1, np.ceil(0.05 * np.arange(samples + 1))).astype(int)
+    if isinstance(count, int):
+        mean = jnp.mean(y[count - int(table[count]) : count])
+    else:
+        place, tail = jnp.arange(samples), jnp.asarray(table)[count]
+        end = (place >= count - tail) & (place < count)
+        mean = jnp.sum(jnp.where(end, y, 0)) / tail
+    return initial, jnp.where(clean, y[-1], mean)

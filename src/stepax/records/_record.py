@@ -137,7 +137,9 @@ class StepRecord(eqx.Module):
     @property
     def present(self) -> Array:
         """Which rows count, of a compact record: the first ones."""
-        return jnp.arange(self.t.size) < self.count
+        if self.rows is None:  # a constant, which costs nothing
+            return jnp.ones(self.t.size, bool)
+        return jnp.arange(self.t.size) < self.rows
 
     @property
     def last(self) -> Count | int:
