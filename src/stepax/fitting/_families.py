@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from .._arrays import Coordinates, Scalar
@@ -88,9 +89,9 @@ class AbstractFamily(eqx.Module):
         return False
 
     @property
-    def absent(self) -> Array:
-        """Which coordinates belong to lags of 0: those do not vary."""
-        return jnp.zeros(len(self.names), bool)
+    def absent(self) -> Array | np.ndarray:
+        """Which coordinates belong to lags of 0: those do not vary. Constant where none can."""
+        return np.zeros(len(self.names), bool)
 
     def end_status(self, name: str, coordinate: Scalar) -> Status:
         """What it means that the coordinate of a parameter lies on a bound."""

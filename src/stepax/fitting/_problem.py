@@ -86,7 +86,7 @@ class Problem(eqx.Module):
         return self.family.individual and bool(self.own_free.all())
 
     @property
-    def absent(self) -> Array:
+    def absent(self) -> Array | np.ndarray:
         """Which free own coordinates do not vary."""
         return self.family.absent[np.flatnonzero(self.own_free)]
 
@@ -113,6 +113,8 @@ class Problem(eqx.Module):
             pairs += [(-np.inf, np.inf)] * self.known_levels.free
         lower, upper = jnp.asarray(np.array(pairs).reshape(-1, 2).T, self.record.t.dtype)
         own = self.delay_place
+        if isinstance(self.absent, np.ndarray):  # constants serve the solver better
+            return lower, upper
         return lower, upper.at[:own].set(jnp.where(self.absent, lower[:own], upper[:own]))
 
     def start(self) -> Array:
@@ -255,7 +257,7 @@ class Problem(eqx.Module):
             lags = jnp.stack(list(x[: len(own)]))
             equal = (lags[1:] == lags[:-1]) & ~self.absent[1:]
             meets = jnp.append(equal, False) | jnp.append(False, equal)
-            flags = {own[0]: ~self.absent & (meets | at[: len(own)])}
+            flags = {own[0]: jnp.logical_and(~self.absent, meets | at[: len(own)])}
         if self.free_delay:
             flags["delay"] = at[self.delay_place]
         return flags
