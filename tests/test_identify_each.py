@@ -11,6 +11,7 @@ import pytest
 from stepax import FOPDT, METHODS, StepRecord, identify, identify_each
 from stepax._compilation import coarse_rung, rung
 from stepax._identify import identify_filled
+from stepax._identify_each import shared_lengths
 from stepax.records._labels import Labels
 
 
@@ -240,3 +241,11 @@ def test_the_lengths_that_records_are_filled_to_change_nothing():
     results = [identify_filled(given, FAST, {}, length) for length in (rung, coarse_rung, int)]
     for result in results[:2]:
         same(result, results[2])
+
+
+def test_few_records_share_one_length_and_many_short_ones_do_not_pay_for_a_long_one():
+    assert shared_lengths([60, 300, 1240], []) == {60: 2048, 300: 2048, 1240: 2048}
+    many = [50 + k for k in range(60)] + [1240]
+    assert set(shared_lengths(many, []).values()) == {128, 2048}
+    assert shared_lengths([60], [128]) == {60: 128} and shared_lengths([60], [8]) == {60: 128}
+    assert shared_lengths([60], [2048]) == {60: 2048} and shared_lengths([], []) == {}

@@ -164,8 +164,8 @@ def _results(record: StepRecord, names: Sequence[str]) -> dict[str, Identificati
     def fit(name: str) -> dict[str, Identification]:
         return {name: identify(record, name)}
 
-    with quick_compilation():
-        parts = side_by_side([*(partial(fit, name) for name in alone), read])
+    with quick_compilation():  # what compiles longest begins
+        parts = side_by_side([read, *(partial(fit, name) for name in reversed(alone))])
     return {name: result for part in parts for name, result in part.items()}
 
 

@@ -13,6 +13,8 @@ import jax
 import jax.numpy as jnp
 from jax.core import Tracer
 
+from ._programs import Signature, cache_folder, kept_program
+
 
 LOOPED = jax.make_user_context(False)
 """Whether to compile quickly: part of the key under which JAX keeps what it compiled."""
@@ -49,18 +51,36 @@ def quick_compilation() -> AbstractContextManager[None]:
 def compiled(function: Callable[..., Any], effort: int = 0) -> Callable[..., Any]:
     """`function`, compiled; within `quick_compilation`, and outside of a trace, quickly.
 
-    `effort` 1 compiles twice as long then, for what runs long.
+    `effort` 1 compiles twice as long then, for what runs long. Where JAX has a persistent cache,
+    what was traced is kept there too (`_programs`).
     """
     full = eqx.filter_jit(function)
     options = QUICK | {"xla_backend_optimization_level": effort}
     quick = eqx.filter_jit(function, compiler_options=options)  # pyright: ignore[reportCallIssue]
+    programs: dict[Any, Any] = {}
+
+    def program(arguments: Any) -> Callable[..., Any]:
+        """What was kept of the function for such arguments, else the function itself."""
+        folder, settings = cache_folder(), tuple(contexts().values())
+        if folder is None or jax.config.jax_disable_jit:
+            return quick
+        key = Signature(arguments), folder, settings
+        if key not in programs:
+            programs[key] = kept_program(function, *key, options) or quick
+        return programs[key]
 
     @functools.wraps(function)
     def run(*args: Any, **kwargs: Any) -> Any:
-        quickly = LOOPED.value and not is_traced((args, kwargs))
-        return (quick if quickly else full)(*args, **kwargs)
+        if not LOOPED.value or is_traced((args, kwargs)):
+            return full(*args, **kwargs)
+        return program((args, kwargs))(*args, **kwargs)
 
     return run
+
+
+def contexts() -> dict[str, Any]:
+    """Values of JAX's contexts in this thread."""
+    return {name: getattr(jax.config, f"jax_{name}") for name in CONTEXTS}
 
 
 def is_traced(tree: Any) -> bool:
@@ -99,8 +119,7 @@ def side_by_side(tasks: Iterable[Callable[[], Any]]) -> list[Any]:
     A thread does not inherit the contexts of its maker, such as `with jax.enable_x64(True)`: each
     enters them again.
     """
-    looped = LOOPED.value
-    values = {name: getattr(jax.config, f"jax_{name}") for name in CONTEXTS}
+    looped, values = LOOPED.value, contexts()
 
     def run(task: Callable[[], Any]) -> Any:
         with contextlib.ExitStack() as stack:

@@ -117,19 +117,19 @@ def _identify_auto(
     chains = {} if orders is None else {"orders": orders}
     asked = {name: options | chains if name in CHAINS else options for name in names}
     tasks = [partial(searched[name], AUTO[name], record, asked[name]) for name in names]
-    found = dict(zip(names, side_by_side(tasks), strict=True))
-    fits: dict[str, Fitted] = {name: found[name] for name in AUTO}
-    scores = {name: float(fit.score) for name, fit in fits.items()}
+    *found, seen = side_by_side([*tasks, partial(_signs, record)])
+    found = dict(zip(names, found, strict=True))
+    fits: dict[str, Fitted] = {name: found[name][0] for name in AUTO}
+    scores = {name: float(found[name][1]) for name in AUTO}
     best = min(scores, key=scores.__getitem__)
-    seen = _signs(record)
     reasons = {
         "sopdt_zero_fit": bool(seen.wrong_way) or bool(seen.lone_overshoot),
         "ipdt_fit": bool(seen.unsettled),
     }
     for name, search in WITH_REASON.items():
         if reasons[name]:
-            fits[name] = _searched(search, record, options)
-            scores[name] = float(fits[name].score)
+            fits[name], score = _searched(search, record, options)
+            scores[name] = float(score)
     chosen = _kept(record, fits[best], scores, best)
     result = _concluded(fits[chosen], record, errors)
     details = {f"aicc_{name}": np.asarray(score) for name, score in scores.items()}
@@ -159,8 +159,10 @@ def _kept(record: StepRecord, fit: Fitted, score: dict[str, float], best: str) -
     return best
 
 
-def _search(search: Callable[..., Fitted], record: StepRecord, options) -> Fitted:
-    return search(record, **options)
+def _search(search: Callable[..., Fitted], record: StepRecord, options) -> tuple[Fitted, Scalar]:
+    """A fit and its score."""
+    fitted = search(record, **options)
+    return fitted, fitted.score
 
 
 # The contour sum of Sani's chain runs ten times as long as the closed forms of the others.

@@ -1,7 +1,9 @@
 """The front door for many records: a row for each, also for those that cannot be used."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
+from itertools import islice
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -20,6 +22,12 @@ from .records._record import StepRecord
 
 if TYPE_CHECKING:
     import pandas as pd
+
+TOGETHER = 64
+"""Records that are read before the first of them is identified: their lengths tell what to fill."""
+
+ROWS_A_COMPILATION = 100_000
+"""Rows of filling that take as long to fit as `identify` takes to compile: 5 s at 50 us a row."""
 
 BAD_INPUT = (ValueError, TypeError, KeyError, OSError, ImportError)
 """What is raised for a record that cannot be used, always with a sentence."""
@@ -128,25 +136,64 @@ def each_of(
     options: dict[str, Any] | None = None,
 ) -> Iterator[Outcome]:
     """What becomes of each record, told by its source and what reads it."""
-    if progress:
-        from rich.console import Console
-        from rich.progress import track
+    if not progress:
+        return _outcomes(readers, method, options or {})
+    from rich.console import Console
+    from rich.progress import track
 
-        readers = track(list(readers), description="Identifying", console=Console(stderr=True))
-    for source, read in readers:
-        yield _outcome(source, read, method, options or {})
+    readers = list(readers)
+    outcomes = _outcomes(readers, method, options or {})
+    return iter(track(outcomes, "Identifying", len(readers), console=Console(stderr=True)))
 
 
-def _outcome(source: str, read: Callable[[], StepRecord], method: str, options) -> Outcome:
-    """What becomes of one record."""
+def _outcomes(readers: Iterable[Any], method: str, options: dict[str, Any]) -> Iterator[Outcome]:
+    met: set[int] = set()
     if options.get("span") is not None:
         check_span(options["span"])  # wrong for all, while a record may be too short for it
+    readers = iter(readers)
+    while some := list(islice(readers, TOGETHER)):
+        records = [(source, _read(read, options)) for source, read in some]
+        sizes = [record.t.size for _, record in records if isinstance(record, StepRecord)]
+        lengths = shared_lengths(sizes, met)
+        met.update(lengths.values())
+        for source, record in records:
+            yield _outcome(source, record, method, options, lengths.__getitem__)
+
+
+def shared_lengths(sizes: Iterable[int], met: Iterable[int]) -> dict[int, int]:
+    """Size -> length that a record is filled up to, where programs for the lengths `met` exist.
+
+    Compiling takes seconds, fitting milliseconds: one length serves all unless filling up to it
+    costs more than another compilation.
+    """
+    count = Counter(coarse_rung(size) for size in sizes)
+    lengths, known = {}, set(met)
+    for own in sorted(count, reverse=True):
+        length = min((x for x in known if x >= own), default=own)
+        if count[own] * (length - own) > ROWS_A_COMPILATION:
+            length = own
+        known.add(length)
+        lengths[own] = length
+    return {size: lengths[coarse_rung(size)] for size in sizes}
+
+
+def _read(read: Callable[[], StepRecord], options: dict[str, Any]) -> StepRecord | str:
+    """One record, or why it cannot be used."""
     try:
         record = read()
         check_length(record, options)
     except BAD_INPUT as error:
-        return Outcome(source, "", None, str(error.args[0]) if error.args else str(error))
-    result = identify_filled(record, method, options, coarse_rung)
+        return str(error.args[0]) if error.args else str(error)
+    return record
+
+
+def _outcome(
+    source: str, record: StepRecord | str, method: str, options, length: Callable[[int], int]
+) -> Outcome:
+    """What becomes of one record."""
+    if isinstance(record, str):
+        return Outcome(source, "", None, record)
+    result = identify_filled(record, method, options, length)
     name = chosen_method(result) if method == "auto" else method
     reason = Status[result.status] if bool(refused(result.status)) else ""
     return Outcome(source, name, result, reason)
