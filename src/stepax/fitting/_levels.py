@@ -53,18 +53,44 @@ class Levels(eqx.Module):
             return self.offset, self.step * self.gain
         if self.gain is not None:
             amplitude = self.step * self.gain
-            return jnp.sum(w * (y - amplitude * g)) / jnp.sum(w), amplitude
+            return w @ (y - amplitude * g) / jnp.sum(w), amplitude
         if self.offset is not None:
             return self.offset, _slope(w, g, y - self.offset)
         if self.final is not None:
             amplitude = _slope(w, g - 1, y - self.final)
             return self.final - amplitude, amplitude
-        mean_g, mean_y = jnp.sum(w * g) / jnp.sum(w), jnp.sum(w * y) / jnp.sum(w)
+        mean_g, mean_y = w @ g / jnp.sum(w), w @ y / jnp.sum(w)
         amplitude = _slope(w, g - mean_g, y - mean_y)
         return mean_y - amplitude * mean_g, amplitude
+
+    def residual_changes(
+        self, w: Samples, g: Samples, amplitude: Scalar, residual: Samples, moves: list[Samples]
+    ) -> list[Samples]:
+        r"""Derivatives of y - offset - amplitude g, both by `regression`, where g moves.
+
+        With d the part of g that the regression has the amplitude of, and h that of a move,
+
+        $$ r' = -a \left(h - \frac{\langle d, h\rangle}{\langle d, d\rangle} d\right)
+                - \frac{\langle r, h\rangle}{\langle d, d\rangle} d $$
+
+        (Golub and Pereyra 1973), weights w in the inner products.
+        """
+        if self.final is None and self.offset is None:
+            total = jnp.sum(w)
+            moves = [h - (w @ h) / total for h in moves]
+        if self.gain is not None:
+            return [-amplitude * h for h in moves]
+        d = g if self.final is None else g - 1
+        if self.final is None and self.offset is None:
+            d = d - (w @ d) / total
+        wd, wr = w * d, w * residual
+        square = wd @ d
+        square = jnp.where(square > 0, square, 1)
+        return [-amplitude * h + ((amplitude * (wd @ h) - wr @ h) / square) * d for h in moves]
 
 
 def _slope(w: Samples, x: Samples, y: Samples) -> Scalar:
     """Slope of the weighted regression of y on x through 0."""
-    square = jnp.sum(w * x * x)
-    return jnp.sum(w * x * y) / jnp.where(square > 0, square, 1)
+    wx = w * x
+    square = wx @ x
+    return wx @ y / jnp.where(square > 0, square, 1)

@@ -10,6 +10,7 @@ from jaxtyping import Array
 
 from .._arrays import Count, Flag
 from ._individual_lags import curvature, in_order, means_of_equal, retract
+from ._lanes import Search, run_search
 from ._problem import Problem
 from ._solver import BoundedLevenbergMarquardt, derivatives, free_parameters, solve_positive
 
@@ -45,13 +46,13 @@ def optimum(problem: Problem, start: Array, solver, max_steps: int) -> Optimum:
     if ours and problem.second_start(start) is not None:
         found, _ = _from_two_starts(search, problem, start, solver, max_steps)
     else:
-        found, _ = search(problem, start, solver, max_steps)
+        found, _ = search(problem, start, solver, max_steps, jnp.array(True))
     return found._replace(x=in_order(problem, found.x))
 
 
-def _anywhere(problem: Problem, start: Array, solver, max_steps: int) -> tuple[Optimum, Array]:
+def _anywhere(problem: Problem, start: Array, solver, max_steps, wanted) -> tuple[Optimum, Array]:
     """The optimum from a start, and its cost."""
-    return _solve(problem, start, *problem.bounds(), solver, max_steps)
+    return _solve(problem, start, *problem.bounds(), solver, max_steps, wanted)
 
 
 def _from_two_starts(
@@ -61,11 +62,16 @@ def _from_two_starts(
 
     def better(best, second):
         best, least = best
-        begin = jnp.where(second, jnp.asarray(problem.second_start(best.x)), best.x)
-        found, cost = search(problem, begin, solver, max_steps)
+        other = problem.second_start(best.x)
+        assert other is not None
+        begin = jnp.where(second, other.x, best.x)
+        wanted = ~second | other.worthwhile
+        found, cost = search(problem, begin, solver, max_steps, wanted)
         steps = best.steps + found.steps
         found, cost = jax.tree.map(
-            lambda new, old: jnp.where(cost <= least, new, old), (found, cost), (best, least)
+            lambda new, old: jnp.where(wanted & (cost <= least), new, old),
+            (found, cost),
+            (best, least),
         )
         return (found._replace(steps=steps), cost), None
 
@@ -74,7 +80,7 @@ def _from_two_starts(
 
 
 def _between_samples(
-    problem: Problem, start: Array, solver, max_steps: int
+    problem: Problem, start: Array, solver, max_steps: int, wanted: Flag
 ) -> tuple[Optimum, Array]:
     """The best of the optima in the intervals between samples around a first estimate."""
     lower, upper = problem.bounds()
@@ -85,7 +91,8 @@ def _between_samples(
         left, right = _cell(problem, first.x[place], upper[place], cell)
         low, high = lower.at[place].set(left), upper.at[place].set(right)
         within = eqx.tree_at(lambda s: s.rtol, solver, jnp.where(cell < 0, loose, solver.rtol))
-        found, cost = _solve(problem, jnp.clip(first.x, low, high), low, high, within, max_steps)
+        begin = jnp.clip(first.x, low, high)
+        found, cost = _solve(problem, begin, low, high, within, max_steps, wanted)
         first = jax.tree.map(lambda a, b: jnp.where(cell < 0, a, b), found, first)
         return first, (found, jnp.where(cell < 0, jnp.inf, cost))
 
@@ -95,23 +102,27 @@ def _between_samples(
     return best._replace(steps=first.steps + best.steps), jnp.min(cost)
 
 
-def _solve(problem, start, lower, upper, solver, max_steps) -> tuple[Optimum, Array]:
-    options = {"lower": lower, "upper": upper, "linearised": Problem.linearised}
+def _solve(problem, start, lower, upper, solver, max_steps, wanted) -> tuple[Optimum, Array]:
+    """The optimum within bounds, and its cost; the start where it is not `wanted`."""
+    options = {"linearised": Problem.linearised}
     if problem.individual and start.size > 1:
         options |= {"curvature": curvature, "retract": retract}
+    if isinstance(solver, BoundedLevenbergMarquardt):
+        search = Search(problem, start, lower, upper, solver, wanted)
+        x, converged, steps, cost = run_search(search, options, max_steps)
+        return Optimum(x, converged, steps), cost
     solution = optx.least_squares(
         lambda x, problem: problem.residual(x),
         solver,
         tuple(start),
         problem,
-        options=options,
+        options=options | {"lower": lower, "upper": upper},
         max_steps=max_steps,
         throw=False,
     )
     x = jnp.clip(jnp.stack(solution.value), lower, upper)
     converged = solution.result == optx.RESULTS.successful
-    cost = getattr(solution.state, "cost", jnp.zeros((), x.dtype))
-    return Optimum(x, converged, solution.stats["num_steps"]), cost
+    return Optimum(x, converged, solution.stats["num_steps"]), jnp.zeros((), x.dtype)
 
 
 def _cell(problem: Problem, delay: Array, longest: Array, cell: Count) -> tuple[Array, Array]:

@@ -1,12 +1,14 @@
 """One least-squares problem: the data, what is known, and the coordinates of the rest."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._arrays import Coordinates, Samples, Scalar, safe_sqrt
+from .._arrays import Coordinates, Flag, Samples, Scalar, safe_sqrt
 from .._status import Status
 from ..models._abstract import AbstractPlant, ScalarParameter
 from ..models._contour import accuracy
@@ -23,6 +25,13 @@ from ._levels import Levels
 
 LONGEST_DELAY = 0.95
 """Largest dead time, relative to the length of the record: some rows must tell the response."""
+
+
+class SecondStart(NamedTuple):
+    """Coordinates to start from a second time, and whether that may lead elsewhere."""
+
+    x: Array
+    worthwhile: Flag
 
 
 class Problem(eqx.Module):
@@ -138,10 +147,10 @@ class Problem(eqx.Module):
         """What a response of gain 1 grows to, so that a coordinate of the amplitude is about 1."""
         return 1.0 if self.model.settles else self.record.duration
 
-    def second_start(self, x: Coordinates) -> Coordinates | None:
+    def second_start(self, x: Coordinates) -> "SecondStart | None":
         """Another place to start from where the optimum at x may not be the only one.
 
-        Elsewhere x itself; None for models that have no other. It needs the dead time to be free.
+        None for models that have no other. It needs the dead time to be free.
         """
         duration, family = self.record.duration, self.family
         interval = duration / jnp.sum(self.record.after_step)
@@ -153,7 +162,7 @@ class Problem(eqx.Module):
         own = jnp.stack(other.x)[np.flatnonzero(self.own_free)]
         delay = x[self.delay_place] + other.later / duration
         start = jnp.append(jnp.append(own, delay), jnp.asarray(x)[self.delay_place + 1 :])
-        return jnp.where(other.worthwhile, jnp.clip(start, *self.bounds()), jnp.asarray(x))
+        return SecondStart(jnp.clip(start, *self.bounds()), other.worthwhile)
 
     def _full(self, x: Coordinates) -> list[Array]:
         """All own coordinates, of which those at x are free."""
@@ -206,35 +215,36 @@ class Problem(eqx.Module):
     def linearised(self, x: Array) -> tuple[Samples, list[Samples]]:
         """Residuals, and their derivative in each coordinate.
 
-        A dead time and the logarithm of the unit of time both move the response along its slope,
-        which is found once. The barriers keep XLA from sharing subexpressions between derivatives:
-        on a CPU that breaks one pass over the data into many.
+        A dead time and the logarithm of the unit of time both move the response along its slope.
         """
         barrier = jax.lax.optimization_barrier
         own = np.flatnonzero(self.own_free)
         scaling = [k for k, i in enumerate(own) if self.family.scaling[i]]
-        g = barrier(input_response(self.record, self.shape(x)))
-        moves = [jnp.zeros_like(g)] * x.size
-        for k in range(own.size):
-            if k not in scaling:
-                moves[k] = barrier(self._move(k, barrier(x)))
-        if scaling or self.free_delay:
-            by_delay, by_unit = input_response_slopes(self.record, self.shape(barrier(x)))
-            for k in scaling:
-                moves[k] = by_unit
-            if self.free_delay:
-                moves[self.delay_place] = self.record.duration * by_delay
+        others = [k for k in range(own.size) if k not in scaling]
+        plant, changes = self.shape(x), [self._change(k, x) for k in others]
+        g, by_delay, by_unit, moved = barrier(input_response_slopes(self.record, plant, changes))
+        moves = dict(zip(others, moved, strict=True)) | dict.fromkeys(scaling, by_unit)
+        if self.free_delay:
+            moves[self.delay_place] = self.record.duration * by_delay
+        if self.threshold is None:
+            offset, amplitude = self.levels(x, g)
+            residual = self.record.y - offset - amplitude * g
+            rows = [moves[k] for k in range(x.size)]
+            rows = self.known_levels.residual_changes(self.weights, g, amplitude, residual, rows)
+            scale = safe_sqrt(self.weights) / self.range
+            return barrier((scale * residual, [scale * row for row in rows]))
         residual, change = jax.linearize(self.residual, x, g)
-        unit = jnp.eye(x.size, dtype=x.dtype)
-        return residual, [change(unit[k], move) for k, move in enumerate(moves)]
+        unit, still = jnp.eye(x.size, dtype=x.dtype), jnp.zeros_like(g)
+        return residual, [change(unit[k], moves.get(k, still)) for k in range(x.size)]
 
-    def _move(self, k: int, x: Array) -> Samples:
-        """Derivative of the response in one coordinate."""
+    def _change(self, k: int, x: Array) -> dict[str, Array]:
+        """How the own parameters move with one coordinate."""
 
-        def response(xk):
-            return input_response(self.record, self.shape(x.at[k].set(xk)))
+        def own(xk: Scalar) -> dict[str, Array]:
+            values = self.family.decode(self._full(x.at[k].set(xk)), self.record.duration, False)
+            return {name: value for name, value in values.items() if name not in self.fixed}
 
-        return jax.jvp(response, (x[k],), (jnp.ones_like(x[k]),))[1]
+        return jax.jvp(own, (x[k],), (jnp.ones_like(x[k]),))[1]
 
     def plant(self, x: Coordinates) -> tuple[AbstractPlant, Samples]:
         """The whole model at coordinates, what is known exactly as given; and its response g."""

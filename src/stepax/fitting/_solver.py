@@ -188,10 +188,14 @@ def derivatives(function, x: Float[Array, " p"]) -> Float[Array, "p residuals"]:
 
 
 def inner_products(rows: list[Float[Array, " residuals"]]) -> Float[Array, "rows rows"]:
-    """Sums of the products of all pairs; the rows stay apart, where XLA can vectorise them."""
-    half = {(i, j): jnp.sum(rows[i] * rows[j]) for i in range(len(rows)) for j in range(i + 1)}
-    places = range(len(rows))
-    return jnp.stack([jnp.stack([half[max(i, j), min(i, j)] for j in places]) for i in places])
+    """Sums of the products of all pairs.
+
+    The barriers let rows be computed each on its own, and the stack of them be a copy: on a CPU a
+    matrix product adds four times faster than single sums.
+    """
+    barrier = jax.lax.optimization_barrier
+    stack = barrier(jnp.stack(barrier(rows)))
+    return stack @ stack.T
 
 
 def free_parameters(y, gradient, lower, upper) -> Bool[Array, " p"]:

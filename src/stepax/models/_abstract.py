@@ -9,6 +9,7 @@ import abc
 import dataclasses
 import math
 import operator
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
@@ -19,7 +20,7 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Complex, Float, Int, Shaped
 
 from .._arrays import Flag, Lags, Samples, Scalar, as_real
-from ._contour import chain_derivatives, chain_response
+from ._contour import Slopes, chain_derivatives, chain_response
 from ._export import control_transfer_function, scipy_transfer_function
 from ._responses import MAX_ORDER
 
@@ -135,6 +136,25 @@ class AbstractPlant(eqx.Module):
     @abc.abstractmethod
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t): step response for gain 1, offset 0, delay 0."""
+
+    def slopes(self, t: Samples, changes: Sequence[dict[str, Array]]) -> Slopes:
+        """g(t), its slope in time, and its change along each of some directions.
+
+        `changes`: own parameters that move, by name, and how fast. A plant whose response and
+        slopes share something expensive has a rule of its own.
+        """
+        slope = jax.jvp(self.unit_response, (t,), (jnp.ones_like(t),))[1]
+        moved = []
+        for change in changes:
+
+            def response(values: dict[str, Array]) -> Samples:
+                return dataclasses.replace(self, **values).unit_response(t)
+
+            now = {name: getattr(self, name) for name in change}
+            # apart from what comes before: shared, XLA would break one pass into many
+            now = jax.lax.optimization_barrier(now)
+            moved.append(jax.jvp(response, (now,), (change,))[1])
+        return Slopes(self.unit_response(t), slope, moved)
 
     @abc.abstractmethod
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:

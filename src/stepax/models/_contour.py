@@ -16,6 +16,8 @@ up to eight lags of any ratio and any t >= 0. Far tails have no relative accurac
 """
 
 import functools
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -63,6 +65,18 @@ def accuracy(dtype) -> float:
     # Measured; `test_random_chains` allows twice as much. Fits do not look below it: a smaller
     # value would make them chase rounding on records without noise.
     return 5e-6 if jnp.finfo(dtype).bits <= 32 else 4e-13
+
+
+class Slopes(NamedTuple):
+    """A response, its slope in time, and its changes along directions of its own parameters.
+
+    Nothing expensive is computed twice. On a CPU barriers see to that: without them XLA computes an
+    exponential again in every loop that reads it.
+    """
+
+    response: Array
+    in_time: Array
+    changes: list[Array]
 
 
 @jax.custom_jvp
@@ -142,6 +156,18 @@ def chain_derivatives(
     for u, _ in shares[1:]:
         product = product * u
     return [jnp.where(started, total * product, 0) for total in totals]
+
+
+def chain_slopes(t: Array, lags: Lags, changes: Sequence[Lags]) -> Slopes:
+    """`chain_response` and its slopes; `changes` of the lags."""
+    g, slope = chain_derivatives(t, lags, 1)
+    slope = slope / jnp.where(t > 0, t, 1)
+    response = lambda lags: chain_derivatives(t, lags, 0)[0]  # noqa: E731
+    moved = []
+    for change in changes:
+        lags = jax.lax.optimization_barrier(lags)
+        moved.append(jax.jvp(response, (lags,), (change,))[1])
+    return Slopes(g, slope, moved)
 
 
 def chain_curvature(t: Samples, lags: Lags, weights: Samples) -> Float[Array, "lags lags"]:

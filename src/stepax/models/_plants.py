@@ -1,5 +1,7 @@
 """The plants: families of process models with dead time, one class each."""
 
+import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -9,7 +11,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Complex, Float, Shaped
 
-from .._arrays import Flag, Lags, Scalar, as_real
+from .._arrays import Flag, Lags, Samples, Scalar, as_real
 from ._abstract import (
     RATE,
     SETTLED,
@@ -24,15 +26,18 @@ from ._abstract import (
     in_range,
     positions,
 )
-from ._contour import chain_response
+from ._contour import Slopes, chain_response, chain_slopes
 from ._responses import (
     equal_lag_response,
     equal_spacing_inflection,
     equal_spacing_response,
+    equal_spacing_slopes,
     first_order_response,
+    first_order_slopes,
     lagged_ramp_response,
     one_minus_multiple,
     second_order_response,
+    second_order_slopes,
     second_order_zero_response,
 )
 
@@ -82,6 +87,12 @@ class Hudzovic(AbstractSpreadChain):
         valid = (slowest > 0) & (self.r >= 0) & in_range(self.n)
         slowest = jnp.where(valid, slowest, jnp.nan)
         return equal_spacing_response(t / self.T, slowest, self.r, self.n)
+
+    def slopes(self, t: Samples, changes: Sequence[dict[str, Array]]) -> Slopes:
+        """T stretches the time; r moves the slowest rate and the spacing."""
+        steps = [(-(self.n - 1) * x.get("r", 0 * self.r), x.get("r", 0 * self.r)) for x in changes]
+        found = equal_spacing_slopes(t / self.T, self.ratio, self.r, self.n, steps)
+        return _stretched(found, t, self.T, changes)
 
     def response_and_slope(self, t: Array) -> tuple[Array, Array]:
         """g and t dg/dt."""
@@ -141,6 +152,14 @@ class Sani(AbstractSpreadChain):
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), by contour quadrature."""
         return chain_response(t / self.T, self._relative_lags())
+
+    def slopes(self, t: Samples, changes: Sequence[dict[str, Array]]) -> Slopes:
+        """T stretches the time; r moves all lags but the first."""
+        lags, change = jax.linearize(
+            lambda r: dataclasses.replace(self, r=r)._relative_lags(), self.r
+        )
+        steps = [change(x.get("r", jnp.zeros_like(self.r))) for x in changes]
+        return _stretched(chain_slopes(t / self.T, lags, steps), t, self.T, changes)
 
 
 class EqualLag(AbstractChain):
@@ -209,6 +228,10 @@ class PTn(AbstractChain):
         """g(t), by contour quadrature."""
         return chain_response(t, jnp.where(self.lags >= 0, self.lags, jnp.nan))
 
+    def slopes(self, t: Samples, changes: Sequence[dict[str, Array]]) -> Slopes:
+        """By contour quadrature."""
+        return chain_slopes(t, self.lags, [change["lags"] for change in changes])
+
 
 class FOPDT(AbstractChain):
     r"""First order plus dead time: $1/(1 + sT)$, T > 0 in units of time.
@@ -227,6 +250,10 @@ class FOPDT(AbstractChain):
         """g(t), in closed form."""
         return first_order_response(t, self.T)
 
+    def slopes(self, t: Samples, changes: Sequence[dict[str, Array]]) -> Slopes:
+        """All from one exponential."""
+        return first_order_slopes(t, self.T, [change["T"] for change in changes])
+
 
 class SOPDT(AbstractPlant):
     r"""Second order plus dead time: $\omega_n^2/(s^2 + 2\zeta\omega_n s + \omega_n^2)$.
@@ -241,6 +268,12 @@ class SOPDT(AbstractPlant):
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), in closed form."""
         return second_order_response(t, self.zeta, self.omega_n)
+
+    def slopes(self, t: Samples, changes: Sequence[dict[str, Array]]) -> Slopes:
+        """All from the same exponentials."""
+        return second_order_slopes(
+            t, self.zeta, self.omega_n, jnp.zeros_like(self.zeta), _second_order(self, changes)
+        )
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s)."""
@@ -300,6 +333,12 @@ class SOPDTZero(AbstractPlant):
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), in closed form."""
         return second_order_zero_response(t, self.zeta, self.omega_n, self.lead)
+
+    def slopes(self, t: Samples, changes: Sequence[dict[str, Array]]) -> Slopes:
+        """All from the same exponentials."""
+        return second_order_slopes(
+            t, self.zeta, self.omega_n, self.lead, _second_order(self, changes)
+        )
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s)."""
@@ -393,3 +432,24 @@ class IPDT(AbstractPlant):
     def has_settled(self, last: Scalar) -> Flag:
         """Its gain is a slope, which any row shows."""
         return jnp.ones_like(last, bool)
+
+
+# Directions of parameters
+
+
+def _stretched(found: Slopes, t: Samples, T: Scalar, changes: Sequence[dict[str, Array]]) -> Slopes:
+    """Slopes of a response in t / T as those of a response in t, T among the parameters."""
+    slope = found.in_time / T
+    moved = [
+        change - t / T * slope * x["T"] if "T" in x else change
+        for change, x in zip(found.changes, changes, strict=True)
+    ]
+    return Slopes(found.response, slope, moved)
+
+
+def _second_order(
+    plant: SOPDT | SOPDTZero, changes: Sequence[dict[str, Array]]
+) -> list[tuple[Scalar, Scalar, Scalar]]:
+    """Changes of zeta, omega_n and lead."""
+    still = jnp.zeros_like(plant.zeta)
+    return [tuple(x.get(k, still) for k in ("zeta", "omega_n", "lead")) for x in changes]  # pyright: ignore[reportReturnType]

@@ -6,6 +6,7 @@ a few units in the last place of 1. Chains of arbitrary real lags are in `_conto
 
 import functools
 import math
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +16,7 @@ from jax.scipy.special import gammaln
 from jaxtyping import Array, Float, Int
 
 from .._arrays import Scalar
-from ._contour import lag_power_response
+from ._contour import Slopes, lag_power_response
 
 
 MAX_ORDER = 8
@@ -48,6 +49,15 @@ def first_order_response(t: Float[Array, "*shape"], T: Scalar) -> Float[Array, "
     r"""$g(t) = 1 - e^{-t/T}$."""
     started, t = _after_start(t)
     return jnp.where(started, -jnp.expm1(-t / T), 0)
+
+
+def first_order_slopes(t: Array, T: Scalar, changes: Sequence[Scalar]) -> Slopes:
+    """The response and its slopes from one exponential; `changes` of T."""
+    started, t = _after_start(t)
+    x = t / T
+    g = jax.lax.optimization_barrier(-jnp.expm1(-x))
+    slope = jnp.where(started, (1 - g) / T, 0)
+    return Slopes(jnp.where(started, g, 0), slope, [-x * slope * change for change in changes])
 
 
 def decay_integral(rate: Float[Array, "..."], t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
@@ -125,6 +135,44 @@ def _equal_spacing_jvp(length, primals, tangents):
 _equal_spacing.defjvp(_equal_spacing_jvp, symbolic_zeros=True)
 
 
+def equal_spacing_slopes(
+    t: Array,
+    slowest: Scalar,
+    spacing: Scalar,
+    order: int | Int[Array, ""],
+    changes: Sequence[tuple[Scalar, Scalar]],
+) -> Slopes:
+    r"""`equal_spacing_response` and its slopes; `changes` of both rates.
+
+    In time $e^{-m t} m \prod_{j=1}^{n-1} (m + j d) E/j$.
+    """
+    length = order if isinstance(order, int) else MAX_ORDER
+    started, t = _after_start(t)
+    limited = _before_overflow(t, slowest)
+
+    def total(e: Array, slowest: Scalar, spacing: Scalar) -> Array:
+        value = jnp.ones_like(e)
+        for j in range(length - 1, 0, -1):
+            factor = jnp.where(j < order, (slowest + (j - 1) * spacing) / j, 0)
+            value = 1 + factor * e * value
+        return value
+
+    e, by_spacing = jax.jvp(
+        lambda d: decay_integral(d, limited), (spacing,), (jnp.ones_like(spacing),)
+    )
+    fall = jnp.exp(-slowest * limited)
+    e, by_spacing, fall = jax.lax.optimization_barrier((e, by_spacing, fall))
+    slope = slowest * fall
+    for j in range(1, length):
+        slope = slope * jnp.where(j < order, (slowest + j * spacing) * e / j, 1)
+    slope = jnp.where(started & (limited == t), slope, 0)
+    value, moved = total(e, slowest, spacing), []
+    for m, d in changes:
+        _, change = jax.jvp(total, (e, slowest, spacing), (by_spacing * d, m, d))
+        moved.append(jnp.where(started, fall * (m * limited * value - change), 0))
+    return Slopes(jnp.where(started, 1 - fall * value, 0), slope, moved)
+
+
 def equal_spacing_inflection(
     T: Scalar, r: Scalar, n: int | Int[Array, ""]
 ) -> tuple[Scalar, Scalar]:
@@ -195,13 +243,12 @@ def second_order_response(
 
     $$ 1 - g = e^{-\zeta\tau} (\cosh\sqrt q + \zeta\tau \sinh\sqrt q/\sqrt q), $$
 
-    an entire function of q: its power series near q = 0, cosine and sine below, and above
-    $1 - g = e^{-a} (1 + a (1 - e^{-2m})/(2m))$ with $m = \sqrt q$ and the slow exponent
-    $a = \tau^2/(\zeta\tau + m)$, where nothing cancels or overflows.
+    an entire function of q; see `_second_order_parts`.
     """
     started, t = _after_start(t)
-    rest, _ = _second_order_rest(omega_n * t, zeta)
-    return jnp.where(started, 1 - rest, 0)
+    tau = omega_n * t
+    c, s, _ = _second_order_parts(tau, zeta)
+    return jnp.where(started, 1 - c - zeta * tau * s, 0)
 
 
 @jax.jit
@@ -215,35 +262,66 @@ def second_order_zero_response(
     """
     started, t = _after_start(t)
     tau = omega_n * t
-    rest, sway = _second_order_rest(tau, zeta)
-    return jnp.where(started, 1 - rest + lead * omega_n * tau * sway, 0)
+    c, s, _ = _second_order_parts(tau, zeta)
+    return jnp.where(started, 1 - c + (lead * omega_n - zeta) * tau * s, 0)
 
 
-def _second_order_rest(tau: Array, zeta: Scalar) -> tuple[Array, Array]:
-    r"""1 - g and $e^{-\zeta\tau} \sinh\sqrt q/\sqrt q$ at times over 1/omega_n."""
+def second_order_slopes(
+    t: Array,
+    zeta: Scalar,
+    omega_n: Scalar,
+    lead: Scalar,
+    changes: Sequence[tuple[Scalar, Scalar, Scalar]],
+) -> Slopes:
+    r"""`second_order_zero_response` and its slopes; `changes` of zeta, omega_n and lead.
+
+    With the parts c, s, d of `_second_order_parts` and $\nu = \text{lead}\,\omega_n$
+
+    $$ \frac{\partial g}{\partial \tau} = \tau s + \nu (c - \zeta\tau s), \quad
+       \frac{\partial g}{\partial \zeta} = -\tau^3 d + \nu \tau^2 (\zeta\tau d - s), \quad
+       \frac{\partial g}{\partial \nu} = \tau s. $$
+    """
+    started, t = _after_start(t)
+    tau, nu = omega_n * t, lead * omega_n
+    c, s, d = jax.lax.optimization_barrier(_second_order_parts(tau, zeta))
+    sway = jnp.where(started, tau * s, 0)
+    c = jnp.where(started, c, 0)
+    slope = sway + nu * (c - zeta * sway)
+    by_zeta = jnp.where(started, tau * tau * (nu * (zeta * tau * d - s) - tau * d), 0)
+    moved = [z * by_zeta + w * t * slope + (w * lead + omega_n * x) * sway for z, w, x in changes]
+    response = jnp.where(started, 1, 0) - c + (nu - zeta) * sway
+    return Slopes(response, omega_n * slope, moved)
+
+
+def _second_order_parts(tau: Array, zeta: Scalar) -> tuple[Array, Array, Array]:
+    r"""$e^{-\zeta\tau}$ times $\cosh\sqrt q$, $\sinh\sqrt q/\sqrt q$, and their difference over q.
+
+    All are entire functions of $q = \tau^2 (\zeta^2 - 1)$: power series near q = 0, cosine and sine
+    below. Above, $\zeta\tau - \sqrt q = \tau^2/(\zeta\tau + \sqrt q)$ is the exponent of the slow
+    pole: nothing cancels or overflows.
+    """
     excess = (zeta - 1) * (zeta + 1)
     q = tau * tau * excess
     decay = zeta * tau
+    near, over = jnp.abs(q) < 1, q > 0
+    m = tau * jnp.sqrt(jnp.where(near, 1, jnp.abs(excess)))
+    fast = decay + m
+    slow = jnp.where(over & ~near, tau * tau / fast, decay)
+    fall = jnp.exp(-slow)
 
-    near = (jnp.abs(q) < 1) & (excess < 0.5)
     small = jnp.where(near, q, jnp.zeros_like(q))
-    c, s = jnp.ones_like(q), jnp.ones_like(q)
+    c, s, d = jnp.ones_like(q), jnp.ones_like(q), jnp.ones_like(q)
     for k in range(9, 0, -1):  # 1/20! < 1e-18
         c = 1 + small / ((2 * k - 1) * (2 * k)) * c
         s = 1 + small / ((2 * k) * (2 * k + 1)) * s
-    fall = jnp.exp(-decay)
-    rest_near, sway_near = fall * (c + decay * s), fall * s
-
-    m = tau * jnp.sqrt(jnp.where(near, 1, jnp.abs(excess)))
-    away = jnp.where(q < 0, m, jnp.ones_like(m))
-    sway_under = fall * jnp.sin(away) / away
-    rest_under = fall * (jnp.cos(away) + decay * jnp.sin(away) / away)
-    a = tau * tau / (decay + m)
-    part = decay_integral(2 * m, jnp.ones_like(m))
-    rest_over, sway_over = jnp.exp(-a) * (1 + a * part), jnp.exp(-a) * part
-
-    rest = jnp.where(near, rest_near, jnp.where(q < 0, rest_under, rest_over))
-    return rest, jnp.where(near, sway_near, jnp.where(q < 0, sway_under, sway_over))
+        d = 1 + small / ((2 * k) * (2 * k + 3)) * d
+    away = jnp.where(near, 1, m)
+    rest = jnp.exp(-fast)
+    c = jnp.where(near, fall * c, jnp.where(over, (fall + rest) / 2, fall * jnp.cos(away)))
+    sine = jnp.where(over, (fall - rest) / 2, fall * jnp.sin(away))
+    s = jnp.where(near, fall * s, sine / away)
+    d = jnp.where(near, fall * d / 3, (c - s) / jnp.where(near, 1, q))
+    return c, s, d
 
 
 def lagged_ramp_response(t: Float[Array, "*shape"], T: Scalar) -> Float[Array, "*shape"]:

@@ -1,6 +1,6 @@
 """A recorded step response."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -349,15 +349,17 @@ def input_response(record: StepRecord, plant: AbstractPlant, t: Any = None) -> S
     return plant.unit_response(elapsed - plant.delay)
 
 
-def input_response_slopes(record: StepRecord, plant: AbstractPlant) -> tuple[Samples, Samples]:
-    """Derivatives of `input_response` in the dead time, and in the logarithm of the unit of time.
+def input_response_slopes(
+    record: StepRecord, plant: AbstractPlant, changes: Sequence[dict[str, Array]]
+) -> tuple[Samples, Samples, Samples, list[Samples]]:
+    """`input_response`, and how it moves: with the dead time, the unit of time, and `changes`.
 
-    Both move the response along its slope in time, which is found once.
+    The second is the derivative in the logarithm of the unit that all times of the plant are
+    measured in, but for the dead time. `changes`: as in `AbstractPlant.slopes`.
     """
     since = record.elapsed - plant.delay
-    slope = jax.jvp(plant.unit_response, (since,), (jnp.ones_like(since),))[1]
-    slope = jax.lax.optimization_barrier(slope)
-    return -slope, -since * slope
+    g, slope, moved = plant.slopes(since, changes)
+    return g, -slope, -since * slope, moved
 
 
 def predict(model: AbstractPlant, record: StepRecord, t: Any = None) -> Samples:

@@ -1,0 +1,194 @@
+"""One loop for one problem or for a batch, in which no lane waits for another.
+
+Under `jax.vmap` a loop runs for all lanes until the slowest has ended. Here a few lanes take a step
+together, and one that has ended hands its place to the next in the queue.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.custom_batching import custom_vmap
+from jaxtyping import Array
+
+from .._arrays import Count, Flag, Scalar
+from ._solver import BoundedLevenbergMarquardt
+
+
+SAMPLES_AT_ONCE = 4096
+"""Of all lanes that take a step together: what a step computes stays in the cache of a core.
+
+Fewer vectorise worse, more are slower for want of cache: see `benchmarks/methods.py`."""
+
+
+class Search(NamedTuple):
+    """A problem, a start within bounds, and the solver; nothing is done unless it is `wanted`."""
+
+    problem: Any
+    start: Array
+    lower: Array
+    upper: Array
+    solver: BoundedLevenbergMarquardt
+    wanted: Flag
+
+
+class Ended(NamedTuple):
+    """Where a search ended, whether it converged there, the number of its steps, and the cost."""
+
+    x: Array
+    converged: Flag
+    steps: Count
+    cost: Scalar
+
+
+def run_search(search: Search, options: dict[str, Any], max_steps: int) -> Ended:
+    """Steps of the solver until it ends; `options` of the solver beside its bounds."""
+    arrays, static = eqx.partition(search, eqx.is_array)
+    leaves, form = jax.tree.flatten(arrays)
+
+    def whole(leaves: list[Array]) -> Search:
+        return eqx.combine(jax.tree.unflatten(form, leaves), static)
+
+    lane = _Lane(whole, options, max_steps, search.problem.record.t.size)
+    call = custom_vmap(lane.alone)
+
+    @call.def_vmap
+    def batch(size: int, batched: tuple[list[bool]], leaves: list[Array]):
+        flags = tuple(batched[0])
+        if jax.default_backend() == "cpu":
+            found = _in_turn(lane, size, flags)(leaves)
+        else:  # a GPU has its lanes step together
+            found = jax.vmap(lane.alone, in_axes=(lane.axes(flags),))(leaves)
+        return found, Ended(True, True, True, True)  # pyright: ignore[reportArgumentType]
+
+    return call(leaves)
+
+
+class _Lane(NamedTuple):
+    """What all lanes have in common: how a search is made of arrays, and its loop."""
+
+    whole: Callable[[list[Array]], Search]
+    options: dict[str, Any]
+    max_steps: int
+    rows: int
+
+    def alone(self, leaves: list[Array]) -> Ended:
+        """One search."""
+
+        def body(carry):
+            y, state, steps = carry
+            return *self.step(leaves, y, state), steps + 1
+
+        def goes_on(carry):
+            return wanted & ~self.has_ended(*carry)
+
+        wanted = self.whole(leaves).wanted
+        carry = jax.lax.while_loop(goes_on, body, (*self.begin(leaves), jnp.array(0)))
+        return self.end(leaves, *carry)
+
+    def begin(self, leaves: list[Array]) -> tuple[Array, Any]:
+        """Start, and state before the first step."""
+        search = self.whole(leaves)
+        return search.start, search.solver.init(*self._arguments(search), None, None, frozenset())
+
+    def step(self, leaves: list[Array], y: Array, state: Any) -> tuple[Array, Any]:
+        """One step."""
+        search = self.whole(leaves)
+        fn, _, *more = self._arguments(search)
+        y, state, _ = search.solver.step(fn, y, *more, state, frozenset())
+        return y, state
+
+    def has_ended(self, y: Array, state: Any, steps: Count) -> Flag:
+        """Whether a search has ended."""
+        del y
+        return state.converged | state.failed | (steps >= self.max_steps)
+
+    def end(self, leaves: list[Array], y: Array, state: Any, steps: Count) -> Ended:
+        """What comes of a search."""
+        search = self.whole(leaves)
+        x = jnp.clip(y, search.lower, search.upper)
+        return Ended(x, state.converged & ~state.failed, steps, state.cost)
+
+    def _arguments(self, search: Search) -> tuple[Any, ...]:
+        bounds = {"lower": search.lower, "upper": search.upper}
+        residual = lambda x, problem: (problem.residual(x), None)  # noqa: E731
+        return residual, search.start, search.problem, self.options | bounds
+
+    def axes(self, batched: tuple[bool, ...]) -> list[int | None]:
+        """Axes of the leaves for `jax.vmap`."""
+        return [0 if flag else None for flag in batched]
+
+
+def _in_turn(lane: _Lane, size: int, batched: tuple[bool, ...]) -> Callable[[list[Array]], Ended]:
+    """`size` lanes as one queue; leaves that are `batched` have a first axis of lanes.
+
+    Under another `vmap` both axes are one queue.
+    """
+    call = custom_vmap(lambda leaves: _queue(lane, size, batched, leaves))
+
+    @call.def_vmap
+    def batch(more: int, outer: tuple[list[bool]], leaves: list[Array]):
+        def merged(x: Array, inner: bool, outer: bool) -> Array:
+            if not (inner or outer):
+                return x
+            x = x if outer else x[None]
+            x = x if inner else x[:, None]
+            return jnp.broadcast_to(x, (more, size, *x.shape[2:])).reshape(-1, *x.shape[2:])
+
+        leaves = [merged(*each) for each in zip(leaves, batched, outer[0], strict=True)]
+        either = tuple(a or b for a, b in zip(batched, outer[0], strict=True))
+        found = _in_turn(lane, more * size, either)(leaves)
+        found = jax.tree.map(lambda x: x.reshape(more, size, *x.shape[1:]), found)
+        return found, Ended(True, True, True, True)  # pyright: ignore[reportArgumentType]
+
+    return call
+
+
+def _queue(lane: _Lane, size: int, batched: tuple[bool, ...], leaves: list[Array]) -> Ended:
+    """Each place works on a lane; where one has ended, the next in the queue takes its place."""
+    axes = lane.axes(batched)
+    begin, step, end = (
+        jax.vmap(function, in_axes=(axes, *rest))
+        for function, rest in ((lane.begin, ()), (lane.step, (0, 0)), (lane.end, (0, 0, 0)))
+    )
+    wanted = jax.vmap(lambda x: lane.whole(x).wanted, in_axes=(axes,), axis_size=size)(leaves)
+    count, queue = jnp.sum(wanted), jnp.argsort(~wanted)  # those that are wanted first
+    places = min(size, max(4, SAMPLES_AT_ONCE // lane.rows))
+
+    def of(lanes: Array) -> list[Array]:
+        return [x[lanes] if flag else x for x, flag in zip(leaves, batched, strict=True)]
+
+    def body(carry):
+        (lanes, busy, y, state, steps), waiting, results = carry
+        # the rows are copied once, not in each of the loops that read them
+        own = jax.lax.optimization_barrier(of(lanes))
+        y, state = step(own, y, state)
+        steps = steps + 1
+        ended = busy & lane.has_ended(y, state, steps)
+        results = jax.tree.map(
+            lambda all, new: all.at[jnp.where(ended, lanes, size)].set(new, mode="drop"),
+            results,
+            end(own, y, state, steps),
+        )
+        turn = waiting + jnp.cumsum(ended) - 1
+        enters = ended & (turn < count)
+        lanes = jnp.where(enters, queue[jnp.minimum(turn, size - 1)], lanes)
+        fresh = (*begin(of(lanes)), jnp.zeros_like(steps))
+        y, state, steps = jax.tree.map(
+            lambda new, old: jnp.where(enters.reshape(-1, *[1] * (old.ndim - 1)), new, old),
+            fresh,
+            (y, state, steps),
+        )
+        places = lanes, (busy & ~ended) | enters, y, state, steps
+        return places, waiting + jnp.sum(ended), results
+
+    lanes, none = queue[:places], jnp.zeros(places, int)
+    start, state = jax.vmap(lane.begin, in_axes=(axes,), axis_size=size)(leaves)
+    untouched = jax.vmap(lane.end, in_axes=(axes, 0, 0, None), axis_size=size)(
+        leaves, start, state, jnp.array(0)
+    )
+    first = lanes, jnp.arange(places) < count, *begin(of(lanes)), none
+    carry = first, jnp.array(places), untouched
+    return jax.lax.while_loop(lambda carry: jnp.any(carry[0][1]), body, carry)[2]
