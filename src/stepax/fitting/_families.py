@@ -39,6 +39,10 @@ from ._coordinates import (
 )
 
 
+SPREADS = 33
+"""Contrasts between which the one of another order is interpolated: near enough for a start."""
+
+
 class AbstractFamily(eqx.Module):
     """How one family of plants is refined, around one of its models.
 
@@ -115,7 +119,7 @@ class AbstractFamily(eqx.Module):
         return None
 
     def with_order(self, n: Array) -> AbstractPlant | None:
-        """A chain of another order with the same sum of lags and ratio of rates; None without n."""
+        """A chain of another order that responds alike; None without n."""
         del n
         return None
 
@@ -176,15 +180,21 @@ class SpreadFamily(AbstractFamily):
 
     def other_start(self, x: list[Array], unit: Scalar, interval: Scalar) -> OtherStart:
         """The last lag, as if the chain had two, for dead time."""
-        total = unit * jnp.exp(x[0])
+        total, s = unit * jnp.exp(x[0]), decode_ratio(x[1])
         short = [x[0], encode_ratio(interval / 2 / total)]
-        return half_interval(short, decode_ratio(x[1]) * total, interval)
+        lags = jnp.sort(chain_of_ratio(type(self.model), s, self.model.n).lags)
+        second = total * lags[-2] if lags.size > 1 else jnp.zeros_like(total)
+        return half_interval(short, s * total, interval, second)
 
     def with_order(self, n: Array) -> AbstractPlant:
-        """The same sum of lags and ratio."""
-        other = SpreadFamily(dataclasses.replace(self.model, n=n))
-        unit = jnp.ones_like(self.model.T)
-        return dataclasses.replace(other.model, **other.decode(self.encode(unit), unit, False))
+        """The same sum of lags and of their squares, or as near to that as the order allows."""
+        lags = self.model.lags
+        spread = jnp.sum(lags**2) / jnp.sum(lags) ** 2
+        x = jnp.asarray(np.linspace(0, 1, SPREADS), spread.dtype)
+        chain = jax.vmap(lambda x: chain_of_ratio(type(self.model), decode_ratio(x), n).lags)
+        s = decode_ratio(jnp.interp(spread, jnp.sum(chain(x) ** 2, axis=1), x))
+        other = chain_of_ratio(type(self.model), s, n)
+        return dataclasses.replace(self.model, T=other.T * jnp.sum(lags), r=other.r, n=n)
 
 
 class FirstOrderFamily(AbstractFamily):

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
@@ -131,23 +132,45 @@ def best_order(
     record: StepRecord,
     weights: Samples | None,
     orders: Sequence[int],
-    fit_order: Callable[[Array], Fitted],
+    start: AbstractPlant,
+    next_start: Callable[[AbstractPlant, Array], AbstractPlant],
+    fit_from: Callable[[AbstractPlant], Fitted],
 ) -> Fitted:
     """Of the fits of several orders the smallest that AICc does not reject.
 
-    The order that was chosen counts as one more parameter. `fit_order` fits this record.
+    The first order is fitted from `start`, each other one from `next_start(plant, n)`, the plant
+    being the optimum before. `fit_from` fits this record. The order that was chosen counts as one
+    more parameter.
     """
     data = lambda f: (f.problem.record, f.problem.weights)  # noqa: E731
+    like = jnp.result_type(record.y)
 
-    def without_data(n: Array) -> tuple[Fitted, Scalar]:
-        """What differs from order to order: copies of the record do not pass through the map."""
-        fitted = fit_order(n)
-        return eqx.tree_at(data, fitted, (None, None)), fitted.score
+    def one(before: AbstractPlant, place: tuple[Array, Array]):
+        """What differs from order to order: copies of the record do not pass through the scan."""
+        n, first = place
+        following = next_start(before, n)
+        begin = jax.tree.map(lambda a, b: jnp.where(first, a, b), before, following)
+        fitted = fit_from(begin)
+        usable = jnp.isfinite(fitted.score)
+        after = jax.tree.map(
+            lambda a, b: jnp.where(usable, a, b).astype(b.dtype), _found(fitted, begin), begin
+        )
+        return after, (eqx.tree_at(data, fitted, (None, None)), fitted.score)
 
-    fits, score = jax.lax.map(without_data, jnp.asarray(orders))
+    start = jax.tree.map(lambda x: x.astype(like) if eqx.is_inexact_array(x) else x, start)
+    first = np.arange(len(orders)) == 0
+    _, (fits, score) = jax.lax.scan(one, start, (jnp.asarray(orders), first))
     # argmax finds the first, that is smallest, order that is near enough
     best = jnp.argmax(score <= jnp.min(score) + SAME_AICC)
     kept = jax.tree.map(lambda x: x[best], fits)
     same = problem_data(record, weights)[1:]
     kept = eqx.tree_at(data, kept, same, is_leaf=lambda x: x is None)
     return dataclasses.replace(kept, aicc=kept.aicc + 2, parameters=kept.parameters + 1)
+
+
+def _found(fitted: Fitted, start: AbstractPlant) -> AbstractPlant:
+    """The start of a fit with the own parameters and the dead time that it found."""
+    found = jax.lax.stop_gradient(fitted.problem.shape(fitted.x))
+    names = [n for n in start.parameter_names if n not in ("gain", "offset")]
+    free = [name for name in names if name not in fitted.problem.fixed]
+    return dataclasses.replace(start, **{name: getattr(found, name) for name in free})

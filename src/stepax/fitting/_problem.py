@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._arrays import Coordinates, Flag, Samples, Scalar, safe_sqrt
+from .._arrays import Coordinates, Flag, Samples, Scalar, computed_once, safe_sqrt
 from .._status import Status
 from ..models._abstract import AbstractPlant, ScalarParameter
 from ..models._contour import accuracy
@@ -162,7 +162,9 @@ class Problem(eqx.Module):
         own = jnp.stack(other.x)[np.flatnonzero(self.own_free)]
         delay = x[self.delay_place] + other.later / duration
         start = jnp.append(jnp.append(own, delay), jnp.asarray(x)[self.delay_place + 1 :])
-        return SecondStart(jnp.clip(start, *self.bounds()), other.worthwhile)
+        # a dead time that is too short already cannot make up for a longer lag
+        worthwhile = other.worthwhile & (delay > 0)
+        return SecondStart(jnp.clip(start, *self.bounds()), worthwhile)
 
     def _full(self, x: Coordinates) -> list[Array]:
         """All own coordinates, of which those at x are free."""
@@ -217,12 +219,12 @@ class Problem(eqx.Module):
 
         A dead time and the logarithm of the unit of time both move the response along its slope.
         """
-        barrier = jax.lax.optimization_barrier
         own = np.flatnonzero(self.own_free)
         scaling = [k for k, i in enumerate(own) if self.family.scaling[i]]
         others = [k for k in range(own.size) if k not in scaling]
         plant, changes = self.shape(x), [self._change(k, x) for k in others]
-        g, by_delay, by_unit, moved = barrier(input_response_slopes(self.record, plant, changes))
+        g, *moves = input_response_slopes(self.record, plant, changes)
+        g, by_delay, by_unit, *moved = computed_once(g, *jax.tree.leaves(moves))
         moves = dict(zip(others, moved, strict=True)) | dict.fromkeys(scaling, by_unit)
         if self.free_delay:
             moves[self.delay_place] = self.record.duration * by_delay
@@ -232,7 +234,7 @@ class Problem(eqx.Module):
             rows = [moves[k] for k in range(x.size)]
             rows = self.known_levels.residual_changes(self.weights, g, amplitude, residual, rows)
             scale = safe_sqrt(self.weights) / self.range
-            return barrier((scale * residual, [scale * row for row in rows]))
+            return scale * residual, [scale * row for row in rows]
         residual, change = jax.linearize(self.residual, x, g)
         unit, still = jnp.eye(x.size, dtype=x.dtype), jnp.zeros_like(g)
         return residual, [change(unit[k], moves.get(k, still)) for k in range(x.size)]

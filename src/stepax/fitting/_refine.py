@@ -47,8 +47,9 @@ def refine(
     - the order n, except a real n of `EqualLag`; a lag of 0 of `PTn` is none and stays none.
 
     **Arguments:** `model`: the start, in the record's units. `order`: "auto" tries each of `orders`
-    for n, from the same sum of lags and ratio of rates, and keeps the smallest whose AICc, n being
-    a parameter, is within 2 of the best: with a free delay orders are nearly interchangeable.
+    for n, from the same sum of lags and of their squares as the model or the order before, and
+    keeps the smallest whose AICc, n being a parameter, is within 2 of the best: with a free delay
+    orders are nearly interchangeable.
     `weights`: per row; the standard errors take them as inverse variances up to a common factor, 0
     leaves a row out. `loss`: "huber" bounds the pull of glitches: beyond 1.345 times the noise
     level (1.4826 times the median absolute residual, of a fit by squares and of one by this loss
@@ -69,13 +70,17 @@ def refine(
     if order is None:
         return concluded(fitted(model), record, errors)
 
-    def fit_order(n: Array) -> Fitted:
-        other = family_of(model).with_order(n)
-        assert other is not None  # `check_options` has asked
-        return fitted(other)
-
-    found = best_order(record, weights, check_orders(orders), fit_order)
+    numbers = check_orders(orders)
+    first = with_order(model, jnp.asarray(numbers[0]))
+    found = best_order(record, weights, numbers, first, with_order, fitted)
     return concluded(found, record, errors)
+
+
+def with_order(plant: AbstractPlant, n: Array) -> AbstractPlant:
+    """A chain of another order that responds alike."""
+    other = family_of(plant).with_order(n)
+    assert other is not None  # `check_options` has asked
+    return other
 
 
 def concluded(fitted: Fitted, record: StepRecord, errors: bool = True) -> Identification:

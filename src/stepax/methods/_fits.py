@@ -16,7 +16,7 @@ from jaxtyping import Array
 from .._arrays import Samples
 from .._result import Identification
 from ..fitting._fitted import Fitted, best_order, fit
-from ..fitting._refine import check_options, concluded
+from ..fitting._refine import check_options, concluded, with_order
 from ..models._abstract import AbstractPlant
 from ..models._plants import Hudzovic, PTn, Sani
 from ..models._spread import DEFAULT_ORDERS, check_orders
@@ -95,7 +95,7 @@ def hudzovic_fit(record: StepRecord, **options: Unpack[OrderOptions]) -> Identif
 
 def search_hudzovic(record: StepRecord, **options: Any) -> Fitted:
     """`hudzovic_fit` without its conclusion."""
-    return _chain_fit(functools.partial(chain_start, Hudzovic), record, options)
+    return _chain_fit(functools.partial(chain_start, Hudzovic), with_order, record, options)
 
 
 def sani_fit(record: StepRecord, **options: Unpack[OrderOptions]) -> Identification:
@@ -108,7 +108,7 @@ def sani_fit(record: StepRecord, **options: Unpack[OrderOptions]) -> Identificat
 
 def search_sani(record: StepRecord, **options: Any) -> Fitted:
     """`sani_fit` without its conclusion."""
-    return _chain_fit(functools.partial(chain_start, Sani), record, options)
+    return _chain_fit(functools.partial(chain_start, Sani), with_order, record, options)
 
 
 def ptn_fit(record: StepRecord, **options: Unpack[OrderOptions]) -> Identification:
@@ -132,7 +132,7 @@ def search_ptn(record: StepRecord, **options: Any) -> Fitted:
         chain = chain_start(Sani, record, n, fixed)
         return PTn(lags=chain.lags[:size], delay=chain.delay)
 
-    return _chain_fit(start, record, options | {"orders": orders})
+    return _chain_fit(start, None, record, options | {"orders": orders})
 
 
 def sopdt_zero_fit(record: StepRecord, **options: Unpack[FitOptions]) -> Identification:
@@ -199,16 +199,29 @@ def _checked_fit(record: StepRecord, start: AbstractPlant, options: dict[str, An
     return fit(record, start, **options)
 
 
-def _chain_fit(start: Callable[..., AbstractPlant], record: StepRecord, options) -> Fitted:
-    """The fit from `start(record, n, fixed)` for one order n or the best of several."""
+def _chain_fit(
+    start: Callable[..., AbstractPlant],
+    next_start: Callable[..., AbstractPlant] | None,
+    record: StepRecord,
+    options: dict[str, Any],
+) -> Fitted:
+    """The fit from `start(record, n, fixed)` for one order n or the best of several.
+
+    Each further order starts from `next_start(plant, n)`, the plant being the optimum of the order
+    before, or from the record as well.
+    """
     options = dict(options)
     order, orders = options.pop("order", "auto"), options.pop("orders", DEFAULT_ORDERS)
+    fit_from = functools.partial(_checked_fit, record, options=options)
 
-    def fit_order(n: Array) -> Fitted:
-        return _checked_fit(record, start(record, n, options.get("fixed", ())), options)
+    def begin(n: Array) -> AbstractPlant:
+        return start(record, n, options.get("fixed", ()))
 
     if order == "auto":
-        return best_order(record, options.get("weights"), check_orders(orders), fit_order)
+        numbers, weights = check_orders(orders), options.get("weights")
+        following = next_start or (lambda _, n: begin(n))
+        first = begin(jnp.asarray(numbers[0]))
+        return best_order(record, weights, numbers, first, following, fit_from)
     if isinstance(order, int | np.integer) and not isinstance(order, bool):
-        return fit_order(jnp.asarray(check_orders([int(order)])[0]))
+        return fit_from(begin(jnp.asarray(check_orders([int(order)])[0])))
     raise ValueError(f"order must be a whole number from 2 to 8 or 'auto', got {order!r}.")

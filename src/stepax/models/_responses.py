@@ -15,7 +15,7 @@ from jax.custom_derivatives import SymbolicZero
 from jax.scipy.special import gammaln
 from jaxtyping import Array, Float, Int
 
-from .._arrays import Scalar
+from .._arrays import Scalar, computed_once
 from ._contour import Slopes, lag_power_response
 
 
@@ -55,7 +55,7 @@ def first_order_slopes(t: Array, T: Scalar, changes: Sequence[Scalar]) -> Slopes
     """The response and its slopes from one exponential; `changes` of T."""
     started, t = _after_start(t)
     x = t / T
-    g = jax.lax.optimization_barrier(-jnp.expm1(-x))
+    g = -jnp.expm1(-x)
     slope = jnp.where(started, (1 - g) / T, 0)
     return Slopes(jnp.where(started, g, 0), slope, [-x * slope * change for change in changes])
 
@@ -161,12 +161,12 @@ def equal_spacing_slopes(
         lambda d: decay_integral(d, limited), (spacing,), (jnp.ones_like(spacing),)
     )
     fall = jnp.exp(-slowest * limited)
-    e, by_spacing, fall = jax.lax.optimization_barrier((e, by_spacing, fall))
+    e, by_spacing = computed_once(e, by_spacing)
     slope = slowest * fall
     for j in range(1, length):
         slope = slope * jnp.where(j < order, (slowest + j * spacing) * e / j, 1)
     slope = jnp.where(started & (limited == t), slope, 0)
-    value, moved = total(e, slowest, spacing), []
+    (value,), moved = computed_once(total(e, slowest, spacing)), []
     for m, d in changes:
         _, change = jax.jvp(total, (e, slowest, spacing), (by_spacing * d, m, d))
         moved.append(jnp.where(started, fall * (m * limited * value - change), 0))
@@ -283,7 +283,7 @@ def second_order_slopes(
     """
     started, t = _after_start(t)
     tau, nu = omega_n * t, lead * omega_n
-    c, s, d = jax.lax.optimization_barrier(_second_order_parts(tau, zeta))
+    c, s, d = _second_order_parts(tau, zeta)
     sway = jnp.where(started, tau * s, 0)
     c = jnp.where(started, c, 0)
     slope = sway + nu * (c - zeta * sway)
@@ -317,10 +317,11 @@ def _second_order_parts(tau: Array, zeta: Scalar) -> tuple[Array, Array, Array]:
         d = 1 + small / ((2 * k) * (2 * k + 3)) * d
     away = jnp.where(near, 1, m)
     rest = jnp.exp(-fast)
-    c = jnp.where(near, fall * c, jnp.where(over, (fall + rest) / 2, fall * jnp.cos(away)))
-    sine = jnp.where(over, (fall - rest) / 2, fall * jnp.sin(away))
-    s = jnp.where(near, fall * s, sine / away)
-    d = jnp.where(near, fall * d / 3, (c - s) / jnp.where(near, 1, q))
+    # each ends in a division: see `computed_once`
+    one = jnp.where(near, 1, tau) / jnp.where(near, 1, tau)
+    c = jnp.where(near, fall * c, jnp.where(over, (fall + rest) / 2, fall * jnp.cos(away))) / one
+    s = jnp.where(near, fall * s, jnp.where(over, (fall - rest) / 2, fall * jnp.sin(away))) / away
+    d = jnp.where(near, fall * d / 3, c - s) / jnp.where(near, 1, q)
     return c, s, d
 
 
