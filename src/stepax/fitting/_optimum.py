@@ -18,6 +18,9 @@ from ._solver import BoundedLevenbergMarquardt, derivatives, free_parameters, so
 CELLS = 5
 """Intervals between samples in which a dead time is sought, around a first estimate."""
 
+SWEEPS = 4
+"""How often these intervals are moved on, at most: times may lie in clusters."""
+
 LOOSE = 1e-3
 """Relative decrease of the cost at which that first estimate ends."""
 
@@ -79,27 +82,54 @@ def _from_two_starts(
     return jax.lax.scan(better, nothing, jnp.array([False, True]))[0]
 
 
+class _Sweep(NamedTuple):
+    """Searches between samples so far: where they are centred, the best, the cell it lies in."""
+
+    centre: Array
+    best: Optimum
+    cost: Array
+    cell: Count
+    steps: Count
+    goes_on: Flag
+
+
 def _between_samples(
     problem: Problem, start: Array, solver, max_steps: int, wanted: Flag
 ) -> tuple[Optimum, Array]:
-    """The best of the optima in the intervals between samples around a first estimate."""
+    """The best of the optima in the intervals between samples around a first estimate.
+
+    Where it lies in the outermost of them, those around it are searched too.
+    """
     lower, upper = problem.bounds()
     place = problem.delay_place
     loose = jnp.maximum(LOOSE, solver.rtol)
 
-    def search(first, cell):
-        left, right = _cell(problem, first.x[place], upper[place], cell)
+    def search(so_far: _Sweep, number: Count) -> tuple[_Sweep, None]:
+        first, cell = number < 0, number % CELLS
+        again = (number > 0) & (cell == 0)
+        on_the_edge = (so_far.cell == 0) | (so_far.cell == CELLS - 1)
+        goes_on = so_far.goes_on & (~again | on_the_edge)
+        centre = jnp.where(again, so_far.best.x, so_far.centre)
+        left, right = _cell(problem, centre[place], upper[place], jnp.where(first, -1, cell))
         low, high = lower.at[place].set(left), upper.at[place].set(right)
-        within = eqx.tree_at(lambda s: s.rtol, solver, jnp.where(cell < 0, loose, solver.rtol))
-        begin = jnp.clip(first.x, low, high)
-        found, cost = _solve(problem, begin, low, high, within, max_steps, wanted)
-        first = jax.tree.map(lambda a, b: jnp.where(cell < 0, a, b), found, first)
-        return first, (found, jnp.where(cell < 0, jnp.inf, cost))
+        within = eqx.tree_at(lambda s: s.rtol, solver, jnp.where(first, loose, solver.rtol))
+        begin = jnp.clip(centre, low, high)
+        found, cost = _solve(problem, begin, low, high, within, max_steps, wanted & goes_on)
+        better = ~first & goes_on & (cost < so_far.cost)
+        best, least, cell = jax.tree.map(
+            lambda new, old: jnp.where(better, new, old),
+            (found, cost, cell),
+            (so_far.best, so_far.cost, jnp.where(again, -1, so_far.cell)),
+        )
+        steps = jnp.where(first, found.steps, so_far.steps)
+        centre = jnp.where(first, found.x, centre)
+        return _Sweep(centre, best, least, cell, steps, goes_on), None
 
-    first = Optimum(start, jnp.array(False), jnp.array(0))
-    first, (found, cost) = jax.lax.scan(search, first, jnp.arange(-1, CELLS))
-    best = jax.tree.map(lambda x: x[jnp.argmin(cost)], found)
-    return best._replace(steps=first.steps + best.steps), jnp.min(cost)
+    nothing = Optimum(start, jnp.array(False), jnp.array(0))
+    infinite = jnp.array(jnp.inf, start.dtype)
+    none = _Sweep(start, nothing, infinite, jnp.array(-1), jnp.array(0), jnp.array(True))
+    end, _ = jax.lax.scan(search, none, jnp.arange(-1, SWEEPS * CELLS))
+    return end.best._replace(steps=end.steps + end.best.steps), end.cost
 
 
 def _solve(problem, start, lower, upper, solver, max_steps, wanted) -> tuple[Optimum, Array]:

@@ -106,7 +106,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             candidate = jnp.clip(options["retract"](args, y, move), lower, upper)
 
         good = (-0.5 * gradient @ full <= self.rtol * cost) | (cost <= self.atol)
-        stalled = self._stalled(y, move, damping, predicted, cost)
+        decrease = jnp.where(better, state.cost - cost, jnp.inf)
+        stalled = self._stalled(y, move, damping, predicted, cost, decrease)
         finite = jnp.isfinite(cost)
         converged, failed = finite & (good | stalled), ~finite
         new_state = _State(
@@ -118,15 +119,20 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         y = jnp.where(finite & good & short, candidate, y)
         return _similar(y, like), new_state, aux
 
-    def _stalled(self, y, move, damping, predicted, cost) -> Flag:
-        """Whether steps have become too short to tell, or only short ones lower the cost, hardly.
+    def _stalled(self, y, move, damping, predicted, cost, decrease) -> Flag:
+        """Whether steps have become too short to tell, or lower the cost by next to nothing.
 
-        The latter is a minimum at a kink, where the promise of a step never falls to `rtol`: its
-        3/4 power, with a damping that has grown, is as far as the cost can be trusted there.
+        At a kink only short steps lower it, and the promise of a full step never falls to `rtol`:
+        its 3/4 power, with a damping that has grown, is as far as the cost can be trusted there.
+        In a valley that has no bottom, such as that of a lag far below the sampling interval and
+        the dead time, each step lowers the cost by a little less than the one before: it has ended
+        where the last one and the next one do not reach a tenth of `rtol`.
         """
         eps = jnp.finfo(y.dtype).eps
         tiny = (damping > 1 / eps) | (jnp.max(jnp.abs(move)) <= eps * jnp.max(jnp.abs(y)))
-        return tiny | ((damping > 1) & (predicted <= self.rtol**0.75 * cost))
+        kink = (damping > 1) & (predicted <= self.rtol**0.75 * cost)
+        little = self.rtol / 10 * cost
+        return tiny | kink | ((predicted <= little) & (decrease <= little))
 
     def terminate(self, fn, y, args, options, state, tags) -> tuple[Bool[Array, ""], optx.RESULTS]:
         """Whether the last evaluation ended the iteration, and how."""

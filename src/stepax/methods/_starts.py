@@ -33,15 +33,38 @@ DELAYS = np.linspace(0, 1, 16)
 """Dead times, over the latest possible, each of which gets its best shape: a zero and a dead time
 can trade places, so that there are two good ones with a bad one between."""
 
+FIRST_ORDER = np.stack([x.ravel() for x in np.meshgrid(np.geomspace(0.02, 1, 8), np.arange(8) / 8)])
+"""Time constants over the length of the record, and dead times over the time of 63.2 %."""
+
+FEW_ROWS = 64
+"""Rows on which these are compared."""
+
 ROWS = 100
 """Rows on which the shapes are compared: a start needs no more."""
 
 
 def first_order_start(record: StepRecord, fixed: Sequence[str]) -> FOPDT:
-    """By the two-point method of Smith (1972)."""
+    """By the two-point method of Smith (1972), or the best of a grid if that fits better.
+
+    Where times lie in clusters both levels may be passed between two samples, and tell little.
+    """
     early, late = _start_times(record)
     T = 1.5 * (late - early)
-    return FOPDT(T=T, delay=_delay(late - T, fixed))
+    _, safe = usable_record(record)
+    rows = np.arange(FEW_ROWS) * safe.count // FEW_ROWS
+    t, y = safe.elapsed[rows], safe.y[rows] - jnp.mean(safe.y[rows])
+    times = jnp.append(T, safe.duration * jnp.asarray(FIRST_ORDER[0], T.dtype))
+    delays = jnp.append(_delay(late - T, fixed), _delay(late, fixed) * FIRST_ORDER[1])
+
+    def error(T: Scalar, delay: Scalar) -> Scalar:
+        """Squared error of the best gain and offset, less what all have in common."""
+        g = FOPDT(T=T).unit_response(t - delay)
+        g = g - jnp.mean(g)
+        square = g @ g
+        return -((g @ y) ** 2) / jnp.where(square > 0, square, 1)
+
+    best = jnp.argmin(jax.vmap(error)(times, delays))
+    return jax.lax.stop_gradient(FOPDT(T=times[best], delay=delays[best]))
 
 
 def second_order_start(record: StepRecord, fixed: Sequence[str]) -> SOPDT:
@@ -161,13 +184,20 @@ def _averaged(record: StepRecord) -> Array:
 
 
 def _start_times(record: StepRecord) -> tuple[Scalar, Scalar]:
-    """Times of the first samples at the two start levels, in the averaged record."""
+    """Times at which the averaged record first passes the two start levels, between samples."""
     _, safe = usable_record(record)
     initial, final = levels(safe)
     y = (_averaged(safe) - initial) * jnp.sign(final - initial)
-    t = safe.elapsed
-    early, late = (
-        t[jnp.argmax((y >= q * jnp.abs(final - initial)) & (t > 0))] for q in START_LEVELS
-    )
+    size, t = jnp.abs(final - initial), safe.elapsed
+
+    def passes(q: float) -> Scalar:
+        after = jnp.argmax((y >= q * size) & (t > 0))
+        before = jnp.maximum(after - 1, 0)
+        rise = y[after] - y[before]
+        share = jnp.where(rise > 0, (q * size - y[before]) / jnp.where(rise > 0, rise, 1), 1)
+        start = jnp.maximum(t[before], 0)  # nothing moves before the step
+        return start + jnp.clip(share, 0, 1) * (t[after] - start)
+
+    early, late = (passes(q) for q in START_LEVELS)
     early = jnp.maximum(early, 1e-3 * safe.duration)
     return jax.lax.stop_gradient((early, jnp.maximum(late, 1.05 * early)))
