@@ -17,6 +17,7 @@ PACKAGE = Path(__file__).parents[1] / "src" / "stepax"
 ROOMS = (
     "_arrays",
     "_status",
+    "_batches",
     "_programs",
     "_compilation",
     "models",

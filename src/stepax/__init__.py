@@ -2,6 +2,7 @@
 
 from importlib.metadata import version as _version
 
+from ._batches import over_devices as over_devices
 from ._compare import Comparison as Comparison, compare as compare
 from ._identify import identify as identify
 from ._identify_each import Identifications as Identifications, identify_each as identify_each

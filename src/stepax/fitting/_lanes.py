@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.custom_batching import custom_vmap
 from jaxtyping import Array
 
 from .._arrays import Count, Flag, Scalar
+from .._batches import axes_of, with_batch
 from ._solver import BoundedLevenbergMarquardt
 
 
@@ -52,18 +52,13 @@ def run_search(search: Search, options: dict[str, Any], max_steps: int) -> Ended
         return eqx.combine(jax.tree.unflatten(form, leaves), static)
 
     lane = _Lane(whole, options, max_steps, search.problem.record.t.size)
-    call = custom_vmap(lane.alone)
 
-    @call.def_vmap
-    def batch(size: int, batched: tuple[list[bool]], leaves: list[Array]):
-        flags = tuple(batched[0])
+    def together(leaves: list[Array], batched: tuple[bool, ...], size: int) -> Ended:
         if jax.default_backend() == "cpu":
-            found = _in_turn(lane, size, flags)(leaves)
-        else:  # a GPU has its lanes step together
-            found = jax.vmap(lane.alone, in_axes=(lane.axes(flags),))(leaves)
-        return found, Ended(True, True, True, True)  # pyright: ignore[reportArgumentType]
+            return _queue(lane, leaves, batched, size)
+        return jax.vmap(lane.alone, in_axes=(axes_of(batched),))(leaves)  # as a GPU likes it
 
-    return call(leaves)
+    return with_batch(lane.alone, together)(leaves)
 
 
 class _Lane(NamedTuple):
@@ -116,39 +111,10 @@ class _Lane(NamedTuple):
         residual = lambda x, problem: (problem.residual(x), None)  # noqa: E731
         return residual, search.start, search.problem, self.options | bounds
 
-    def axes(self, batched: tuple[bool, ...]) -> list[int | None]:
-        """Axes of the leaves for `jax.vmap`."""
-        return [0 if flag else None for flag in batched]
 
-
-def _in_turn(lane: _Lane, size: int, batched: tuple[bool, ...]) -> Callable[[list[Array]], Ended]:
-    """`size` lanes as one queue; leaves that are `batched` have a first axis of lanes.
-
-    Under another `vmap` both axes are one queue.
-    """
-    call = custom_vmap(lambda leaves: _queue(lane, size, batched, leaves))
-
-    @call.def_vmap
-    def batch(more: int, outer: tuple[list[bool]], leaves: list[Array]):
-        def merged(x: Array, inner: bool, outer: bool) -> Array:
-            if not (inner or outer):
-                return x
-            x = x if outer else x[None]
-            x = x if inner else x[:, None]
-            return jnp.broadcast_to(x, (more, size, *x.shape[2:])).reshape(-1, *x.shape[2:])
-
-        leaves = [merged(*each) for each in zip(leaves, batched, outer[0], strict=True)]
-        either = tuple(a or b for a, b in zip(batched, outer[0], strict=True))
-        found = _in_turn(lane, more * size, either)(leaves)
-        found = jax.tree.map(lambda x: x.reshape(more, size, *x.shape[1:]), found)
-        return found, Ended(True, True, True, True)  # pyright: ignore[reportArgumentType]
-
-    return call
-
-
-def _queue(lane: _Lane, size: int, batched: tuple[bool, ...], leaves: list[Array]) -> Ended:
+def _queue(lane: _Lane, leaves: list[Array], batched: tuple[bool, ...], size: int) -> Ended:
     """Each place works on a lane; where one has ended, the next in the queue takes its place."""
-    axes = lane.axes(batched)
+    axes = axes_of(batched)
     begin, step, end = (
         jax.vmap(function, in_axes=(axes, *rest))
         for function, rest in ((lane.begin, ()), (lane.step, (0, 0)), (lane.end, (0, 0, 0)))

@@ -1,7 +1,8 @@
 """Least-squares refinement of any model to a record."""
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ import optimistix as optx
 from jaxtyping import Array
 
 from .._arrays import Samples
+from .._batches import in_groups
 from .._result import Identification, conclude
 from .._status import first_problem, refused
 from ..models._abstract import AbstractPlant
@@ -62,18 +64,19 @@ def refine(
     """
     check_options(model, fixed, order, loss)
 
-    def fitted(start: AbstractPlant) -> Fitted:
-        return fit(
-            record, start, fixed, weights=weights, loss=loss, solver=solver, max_steps=max_steps
-        )
+    def search(record: StepRecord, model: AbstractPlant, weights: Samples | None, solver) -> Fitted:
+        def fitted(start: AbstractPlant) -> Fitted:
+            return fit(
+                record, start, fixed, weights=weights, loss=loss, solver=solver, max_steps=max_steps
+            )
 
-    if order is None:
-        return concluded(fitted(model), record, errors)
+        if order is None:
+            return fitted(model)
+        numbers = check_orders(orders)
+        first = with_order(model, jnp.asarray(numbers[0]))
+        return best_order(record, weights, numbers, first, with_order, fitted)
 
-    numbers = check_orders(orders)
-    first = with_order(model, jnp.asarray(numbers[0]))
-    found = best_order(record, weights, numbers, first, with_order, fitted)
-    return concluded(found, record, errors)
+    return concluded_in_groups(search, record, errors, model, weights, solver)
 
 
 def with_order(plant: AbstractPlant, n: Array) -> AbstractPlant:
@@ -81,6 +84,20 @@ def with_order(plant: AbstractPlant, n: Array) -> AbstractPlant:
     other = family_of(plant).with_order(n)
     assert other is not None  # `check_options` has asked
     return other
+
+
+def concluded_in_groups(
+    search: Callable[..., Fitted], record: StepRecord, errors: bool, *more: Any
+) -> Identification:
+    """The result of `search(record, *more)`, a batch of them group by group."""
+
+    def without_record(record: StepRecord, *more: Any) -> Identification:
+        """Not to copy the record."""
+        return eqx.tree_at(of, concluded(search(record, *more), record, errors), None)
+
+    of = lambda result: result.record  # noqa: E731
+    result = in_groups(without_record)(record, *more)
+    return eqx.tree_at(of, result, record, is_leaf=lambda x: x is None)
 
 
 def concluded(fitted: Fitted, record: StepRecord, errors: bool = True) -> Identification:

@@ -16,7 +16,7 @@ from jaxtyping import Array
 from .._arrays import Samples
 from .._result import Identification
 from ..fitting._fitted import Fitted, best_order, fit
-from ..fitting._refine import check_options, concluded, with_order
+from ..fitting._refine import check_options, concluded_in_groups, with_order
 from ..models._abstract import AbstractPlant
 from ..models._plants import Hudzovic, PTn, Sani
 from ..models._spread import DEFAULT_ORDERS, check_orders
@@ -191,7 +191,13 @@ def _concluded(search: Callable[..., Fitted], record: StepRecord, options) -> Id
     """
     options = dict(options)
     errors, weights = options.pop("errors", True), options.pop("weights", None)
-    return concluded(search(with_weights(record, weights), **options), record, errors)
+    return concluded_in_groups(
+        lambda record, weights, options: search(with_weights(record, weights), **options),
+        record,
+        errors,
+        weights,
+        options,
+    )
 
 
 def _checked_fit(record: StepRecord, start: AbstractPlant, options: dict[str, Any]) -> Fitted:

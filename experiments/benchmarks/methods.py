@@ -1,0 +1,245 @@
+"""Least-squares methods as a user calls them: `python -m experiments.benchmarks.methods`.
+
+Simulated records of 0 to 60 time units: two lags (3 to 9, and 0.1 to 1 of that), dead time, gain
+and offset drawn, 2 % white noise; everything free. Each method by the plain
+`jit(vmap(lambda y: identify(StepRecord(t, y), method)))`, float64, one device, against
+
+- hand: the fastest `lax.map(..., batch_size=16, 32, 64, 256)` over the same function (`--hand`);
+- devices: the plain call through `stepax.over_devices`, one device a core;
+- scipy: `curve_fit` (MINPACK) with the analytic model in NumPy, from the same start, all orders
+  that the method tries, in a loop on one core; pool: the same in a process on each core.
+
+Costs are computed again from the models by one formula; `best` is the share of the records within
+1e-6 of the best cost that anyone found for the order kept. `model`: share of the plain call's time
+that as many evaluations of residuals, derivatives and their sums take.
+
+Left out: compilation, which `compile` counts apart, and drawing the records.
+"""
+
+import argparse
+import functools
+import os
+import time
+from concurrent.futures import ProcessPoolExecutor
+
+import jax
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+
+NOISE, REPETITIONS, LOOPED = 0.02, 3, 400
+METHODS = ("fopdt_fit", "sopdt_fit", "hudzovic_fit", "sani_fit")
+ORDERS = range(2, 9)
+
+
+def records(count: int, samples: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Times, and a row a record."""
+    draw = np.random.default_rng(seed)
+    t = np.linspace(0.0, 60.0, samples)
+    slow = draw.uniform(3, 9, (count, 1))
+    fast = slow * draw.uniform(0.1, 0.99, (count, 1))
+    delay, gain, offset = (draw.uniform(*ends, (count, 1)) for ends in ((0, 5), (0.5, 3), (-1, 1)))
+    x = np.maximum(t - delay, 0)
+    g = 1 - (slow * np.exp(-x / slow) - fast * np.exp(-x / fast)) / (slow - fast)
+    return t, offset + gain * (g + NOISE * draw.standard_normal(g.shape))
+
+
+# SciPy
+
+
+def fopdt(t, K, b, L, T):
+    return b + K * -np.expm1(-np.maximum(t - L, 0) / T)
+
+
+def sopdt(t, K, b, L, zeta, omega_n):
+    x = np.maximum(t - L, 0) * omega_n
+    root = np.sqrt(abs(zeta * zeta - 1) or 1e-12)
+    if zeta >= 1:
+        slow, fast = np.exp((root - zeta) * x), np.exp((-root - zeta) * x)
+        return b + K * (1 - (slow + fast) / 2 - zeta * (slow - fast) / (2 * root))
+    return b + K * (1 - np.exp(-zeta * x) * (np.cos(root * x) + zeta / root * np.sin(root * x)))
+
+
+def chain(family, n, t, K, b, L, total, contrast):
+    from experiments.benchmarks.fit import parameters, sani_response
+    from experiments.numpy_responses import hudzovic_response
+
+    response = hudzovic_response if family.__name__ == "Hudzovic" else sani_response
+    T, r = parameters(family, np.exp(total), contrast, n)
+    return b + K * response(np.maximum(t - L, 0), T, r, n)
+
+
+def starts(method: str, t: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
+    """Parameters from which SciPy starts, an array for each order: those of our own start."""
+    from experiments.benchmarks.fit import coordinates
+    from stepax import Hudzovic, Sani, StepRecord
+    from stepax.methods import _starts
+
+    def each(start):
+        return jax.jit(jax.vmap(lambda y: start(StepRecord(t, y))))(y)
+
+    first, last = y[:, 0], y[:, -1]
+    common = [last - first, first]
+    if method == "fopdt_fit":
+        model = each(lambda r: _starts.first_order_start(r, ()))
+        return [np.stack([*common, model.delay, model.T], 1)]
+    if method == "sopdt_fit":
+        model = each(lambda r: _starts.second_order_start(r, ()))
+        return [np.stack([*common, model.delay, model.zeta, model.omega_n], 1)]
+    family = Hudzovic if method == "hudzovic_fit" else Sani
+    rows = []
+    for n in ORDERS:
+        model = each(lambda r, n=n: _starts.chain_start(family, r, jax.numpy.asarray(n), ()))
+        pairs = [coordinates(family, T, r, n) for T, r in zip(model.T, model.r, strict=True)]
+        own = np.array([(np.log(total), contrast) for total, contrast in pairs])
+        rows.append(np.column_stack([*common, model.delay, own]))
+    return rows
+
+
+def functions(method: str):
+    """Models as SciPy takes them, one for each order."""
+    from stepax import Hudzovic, Sani
+
+    if method in ("fopdt_fit", "sopdt_fit"):
+        return [fopdt if method == "fopdt_fit" else sopdt]
+    family = Hudzovic if method == "hudzovic_fit" else Sani
+    return [functools.partial(chain, family, n) for n in ORDERS]
+
+
+def by_scipy(method: str, t: np.ndarray, y: np.ndarray, begin: list[np.ndarray]) -> np.ndarray:
+    """Costs of a loop, a row a record, a column an order; infinite where it fails."""
+    from scipy.optimize import curve_fit
+
+    found = np.full((len(y), len(begin)), np.inf)
+    for k, (model, start) in enumerate(zip(functions(method), begin, strict=True)):
+        for i, row in enumerate(y):
+            try:
+                x, _ = curve_fit(model, t, row, start[i], method="lm", maxfev=2000)
+                delay_kept = x[2] >= 0
+                found[i, k] = np.sum((model(t, *x) - row) ** 2) if delay_kept else np.inf
+            except (RuntimeError, ValueError):
+                pass
+    return found
+
+
+def in_pool(method: str, t, y, begin, cores: int) -> float:
+    """Seconds of the same in a process on each core, their start left out."""
+    places = np.array_split(np.arange(len(y)), cores)
+    with ProcessPoolExecutor(cores) as pool:
+        for _ in places:
+            pool.submit(by_scipy, method, t, y[:1], [x[:1] for x in begin])
+        list(pool.map(len, places))
+        start = time.perf_counter()
+        tasks = [
+            pool.submit(by_scipy, method, t, y[part], [x[part] for x in begin]) for part in places
+        ]
+        for task in tasks:
+            task.result()
+        return time.perf_counter() - start
+
+
+# ours
+
+
+def figures(t, method, errors, y):
+    """What a user keeps of a result."""
+    import stepax
+
+    result = stepax.identify(stepax.StepRecord(t, y), method, errors=errors)
+    order = getattr(result.model, "n", 0)
+    return result.rmse, result.details["steps"], order, result.std
+
+
+def timed(call, *arguments) -> tuple[float, float, tuple]:
+    """Seconds of compiling, median seconds of a call, and its result."""
+    start = time.perf_counter()
+    result = jax.block_until_ready(call(*arguments))
+    first, takes = time.perf_counter() - start, []
+    for _ in range(REPETITIONS):
+        start = time.perf_counter()
+        result = jax.block_until_ready(call(*arguments))
+        takes.append(time.perf_counter() - start)
+    return first - float(np.median(takes)), float(np.median(takes)), result
+
+
+def by_hand(one, y) -> float:
+    """The fastest of the chunks that a user could choose."""
+    takes = []
+    for size in (16, 32, 64, 256):
+        call = jax.jit(lambda y, size=size: jax.lax.map(one, y, batch_size=size))
+        takes.append(timed(call, y)[1])
+    return min(takes)
+
+
+def measure(method: str, count: int, samples: int, errors: bool, options) -> dict[str, str]:
+    """One row of the table."""
+    from stepax import over_devices
+
+    t, y = records(count, samples)
+    t, y = t.astype(options.dtype), y.astype(options.dtype)
+    one = functools.partial(figures, t, method, errors)
+    device = jax.devices()[0]
+    compiling, seconds, found = timed(jax.jit(jax.vmap(one)), jax.device_put(y, device))
+    rmse, steps, order, _ = map(np.asarray, (*found[:3], 0))
+    row = {
+        "method": method,
+        "N": str(samples),
+        "records": str(count),
+        "errors": "yes" if errors else "no",
+        "compile s": f"{compiling:.1f}",
+        "a second": f"{count / seconds:.0f}",
+        "steps": f"{np.median(steps):.0f}, {np.quantile(steps, 0.99):.0f}",
+    }
+    if options.hand:
+        row["of best chunk"] = f"{by_hand(one, jax.device_put(y, device)) / seconds:.2f}"
+    if jax.device_count() > 1:
+        _, spread, _ = timed(over_devices(jax.vmap(one)), y)
+        row["devices"] = f"{count / spread:.0f}"
+    if not options.scipy:
+        return row
+    part = y[: min(LOOPED if method in METHODS[:2] else LOOPED // 4, count)].astype(float)
+    begin = starts(method, t.astype(float), part)
+    start = time.perf_counter()
+    theirs = by_scipy(method, t.astype(float), part, begin)
+    loop = (time.perf_counter() - start) / len(part)
+    place = order[: len(part)] - ORDERS[0] if len(begin) > 1 else np.zeros(len(part), int)
+    ours = samples * rmse[: len(part)].astype(float) ** 2
+    best = np.minimum(ours, theirs[np.arange(len(part)), place])
+    pool = in_pool(method, t.astype(float), part, begin, os.cpu_count() or 1) / len(part)
+    row["scipy"] = f"{1 / loop:.0f}"
+    row["x scipy"] = f"{loop * count / seconds:.1f}"
+    row["x pool"] = f"{pool * count / seconds:.1f}"
+    row["best"] = f"{100 * np.mean(ours <= best * (1 + 1e-6)):.1f} %"
+    return row
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--methods", nargs="+", default=list(METHODS))
+    parser.add_argument("--samples", nargs="+", type=int, default=[200])
+    parser.add_argument("--records", nargs="+", type=int, default=[10_000])
+    parser.add_argument("--errors", nargs="+", choices=["yes", "no"], default=["yes"])
+    parser.add_argument("--float32", action="store_true")
+    parser.add_argument("--hand", action="store_true", help="chunks chosen by hand too")
+    parser.add_argument("--no-scipy", dest="scipy", action="store_false")
+    parser.add_argument("--devices", type=int, default=1, help="JAX devices on this CPU")
+    options = parser.parse_args()
+    jax.config.update("jax_enable_x64", not options.float32)
+    jax.config.update("jax_num_cpu_devices", options.devices)
+    options.dtype = np.float32 if options.float32 else np.float64
+    rows = [
+        measure(method, count, samples, errors == "yes", options)
+        for method in options.methods
+        for samples in options.samples
+        for count in options.records
+        for errors in options.errors
+    ]
+    table = Table(*rows[0])
+    for row in rows:
+        table.add_row(*row.values())
+    Console(width=140).print(table)
+
+
+if __name__ == "__main__":
+    main()
