@@ -95,8 +95,8 @@ class _Lane(NamedTuple):
         y, state, _ = search.solver.step(fn, y, *more, state, frozenset())
         return y, state
 
-    def has_ended(self, y: Array, state: Any, steps: Count) -> Flag:
-        """Whether a search has ended."""
+    def has_ended(self, y: Array, state: Any, steps: Array) -> Array:
+        """Whether a search has ended, or each of several."""
         del y
         return state.converged | state.failed | (steps >= self.max_steps)
 
