@@ -1,0 +1,170 @@
+"""The box of the axes: where the frame, the ground or the grid of a plot ends."""
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+
+EDGE = 12
+"""Least difference of neighbours, of 255, at an edge: the pale ground of a plot on white has 20."""
+
+SHORTEST = 0.3
+"""Share of the picture that the shortest line of a box covers."""
+
+
+class Box(NamedTuple):
+    """Edges of the axes in pixels, whose centres are at whole numbers, from the upper left corner.
+
+    `line`: half the thickness of the frame, 0 where there is none.
+    """
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+    line: float = 0.0
+
+    @property
+    def inside(self) -> tuple[slice, slice]:
+        """Rows and columns within the frame."""
+        edge = self.line + 0.5  # half a pixel more: the frame may be blurred
+        rows = slice(int(np.ceil(self.top + edge)), int(np.floor(self.bottom - edge)) + 1)
+        return rows, slice(int(np.ceil(self.left + edge)), int(np.floor(self.right - edge)) + 1)
+
+
+class _Lines(NamedTuple):
+    """Straight edges in one direction: the row of each, where it starts and where it ends."""
+
+    row: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+
+    def kept(self, which: np.ndarray) -> "_Lines":
+        return _Lines(*(part[which] for part in self))
+
+
+def find_box(pixels: np.ndarray) -> Box | None:
+    """The axes in a picture, or None.
+
+    Long straight edges in both directions are gathered by their extent: those of a frame, of a
+    coloured ground and of a grid all end at the box. The box is the pair of extents that most
+    lines agree with, and of boxes within each other the inner one, unless it is a small part.
+    """
+    height, width = pixels.shape[:2]
+    across, down = _lines(pixels), _lines(pixels.swapaxes(0, 1))
+    reach = 3 + 0.004 * max(height, width)
+    found = []
+    for x, y in product(_extents(across, reach), _extents(down, reach)):
+        if x == (0, width - 1) and y == (0, height - 1):
+            continue  # the rim of the picture
+        rows = _rows(across, x, y, reach)
+        columns = _rows(down, y, x, reach)
+        sides = sum(_near(rows, edge, reach) for edge in y)
+        sides += sum(_near(columns, edge, reach) for edge in x)
+        # Two spines make a corner; a grid without a frame has no sides but many lines.
+        corner = _near(rows, y[1], reach) and _near(columns, x[0], reach)
+        if rows.size and columns.size and (corner or (rows.size > 4 and columns.size > 4)):
+            area = (x[1] - x[0]) * (y[1] - y[0])
+            found.append((sides, area, x, y))
+    if not found:
+        return None
+    most = max(sides for sides, *_ in found)
+    _, area, x, y = max(box for box in found if box[0] == most)
+    for _, other, inner_x, inner_y in sorted(box for box in found if box[0] == 4 == most):
+        within = x[0] < inner_x[0] and inner_x[1] < x[1] and y[0] < inner_y[0] and inner_y[1] < y[1]
+        if within and other > 0.3 * area:
+            _, x, y = other, inner_x, inner_y
+            break
+    return _refined(pixels, x, y, reach)
+
+
+def _lines(pixels: np.ndarray) -> _Lines:
+    """Edges between rows; an edge belongs to the row below it."""
+    width = pixels.shape[1]
+    change = np.zeros(pixels.shape[:2], bool)
+    values = pixels.astype(np.int16)
+    change[1:] = np.any(np.abs(values[1:] - values[:-1]) > EDGE, axis=2)
+    row, start, end = _runs(change)
+    if not row.size:
+        return _Lines(row, start, end)
+    # Dashes and crossing lines leave gaps, no longer than the dashes; what is left must be more line
+    # than gap, unlike text. A tick label is as near to the frame, but its strokes are shorter.
+    length = end - start + 1
+    gap = np.maximum(3, np.minimum(length[1:], length[:-1]))
+    gap = np.minimum(gap, 3 + int(0.012 * width))
+    joins = np.append(False, (row[1:] == row[:-1]) & (start[1:] - end[:-1] <= gap + 1))
+    first = np.flatnonzero(~joins)
+    last = np.append(first[1:], row.size) - 1
+    filled = np.add.reduceat(length, first)
+    length = end[last] - start[first] + 1
+    long = (length >= SHORTEST * width) & (filled > 0.6 * length)
+    return _Lines(row[first][long], start[first][long], end[last][long])
+
+
+def _runs(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Row, first and last column of each run of true values."""
+    padded = np.zeros((mask.shape[0], mask.shape[1] + 2), np.int8)
+    padded[:, 1:-1] = mask
+    turn = np.diff(padded, axis=1)
+    row, start = np.nonzero(turn == 1)
+    return row, start, np.nonzero(turn == -1)[1] - 1
+
+
+def _extents(lines: _Lines, reach: float) -> list[tuple[int, int]]:
+    """Extents that lines share, from the most frequent on; at most 8, which no plot needs."""
+    left = lines
+    extents: list[tuple[int, int]] = []
+    while left.row.size and len(extents) < 8:
+        pairs, counts = np.unique(np.stack([left.start, left.end]), axis=1, return_counts=True)
+        start, end = (int(x) for x in pairs[:, np.argmax(counts)])
+        extents.append((start, end))
+        left = left.kept((abs(left.start - start) > reach) | (abs(left.end - end) > reach))
+    return extents
+
+
+def _rows(lines: _Lines, extent: tuple[int, int], span: tuple[int, int], reach: float):
+    """Rows of the lines of one extent within a span."""
+    same = (abs(lines.start - extent[0]) <= reach) & (abs(lines.end - extent[1]) <= reach)
+    rows = lines.row[same]
+    return rows[(rows >= span[0] - reach) & (rows <= span[1] + reach)]
+
+
+def _near(rows: np.ndarray, edge: int, reach: float) -> bool:
+    return bool(np.any(abs(rows - edge) <= reach))
+
+
+def _refined(pixels: np.ndarray, x: tuple[int, int], y: tuple[int, int], reach: float) -> Box:
+    """The box to a fraction of a pixel: the middle of the frame's lines, or where a ground ends."""
+    turned = pixels.swapaxes(0, 1)
+    columns = [_edge(turned, place, y, reach) for place in x]
+    rows = [_edge(pixels, place, x, reach) for place in y]
+    line = max(thickness for _, thickness in columns + rows) / 2
+    return Box(columns[0][0], rows[0][0], columns[1][0], rows[1][0], line)
+
+
+def _edge(pixels: np.ndarray, row: int, span: tuple[int, int], reach: float) -> tuple[float, float]:
+    """Place and thickness of the line, or of the change without one, beside a row."""
+    far = int(np.ceil(reach)) + 2
+    first, last = max(row - far, 0), min(row + far, pixels.shape[0] - 1)
+    margin = (span[1] - span[0]) // 20
+    band = pixels[first : last + 1, span[0] + margin : span[1] - margin].astype(float)
+    profile = np.median(band, axis=1)
+    before, after = profile[0], profile[-1]
+    line = np.minimum(
+        np.abs(profile - before).max(axis=1), np.abs(profile - after).max(axis=1)
+    )
+    peak = int(np.argmax(line))
+    strength = line[peak]
+    across = np.abs(after - before).max()
+    if strength > max(EDGE, 0.55 * across):
+        near = line > 0.1 * strength
+        start = peak - int(np.argmin(np.append(near[peak::-1], False)) - 1)
+        end = peak + int(np.argmin(np.append(near[peak:], False)) - 1)
+        weight = line[start : end + 1]
+        centre = float(weight @ np.arange(start, end + 1) / weight.sum())
+        return first + centre, float(weight.sum() / strength)
+    if across > EDGE:  # where the ground changes: a pixel in between belongs to both
+        share = np.abs(profile - before).max(axis=1) / across
+        return first + float(np.sum(1 - np.clip(share, 0, 1))) - 0.5, 0.0
+    return float(row) - 0.5, 0.0
