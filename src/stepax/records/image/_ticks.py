@@ -7,7 +7,7 @@ import numpy as np
 from ._box import Box
 
 
-INK = 18
+INK = 15
 """Least difference from the ground, of 255, of a mark: a white grid on a pale ground has 21."""
 
 LONGEST = 0.05
@@ -112,6 +112,7 @@ def _with_corners(marks: np.ndarray, left: float, right: float) -> np.ndarray:
     if marks.size < 2:
         return marks
     step = marks[1] - marks[0]
-    before = [left] if abs(marks[0] - step - left) < UNEVEN else []
-    after = [right] if abs(marks[-1] + step - right) < UNEVEN else []
+    reach = max(UNEVEN, 0.02 * step)
+    before = [left] if abs(marks[0] - step - left) < reach else []
+    after = [right] if abs(marks[-1] + step - right) < reach else []
     return np.concatenate([before, marks, after])
