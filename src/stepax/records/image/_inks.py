@@ -8,6 +8,7 @@ the part of red, green and blue across the axis of greys.
 from typing import NamedTuple
 
 import numpy as np
+from scipy import ndimage
 
 
 CHROMA = np.array([[1.0, -0.5, -0.5], [0.0, 3**0.5 / 2, -(3**0.5) / 2]]) * (2 / 3)
@@ -123,22 +124,40 @@ def grey_ink(drawn: Drawing) -> Ink | None:
 
 
 def coverage(drawn: Drawing, ink: Ink, others: list[Ink]) -> np.ndarray:
-    """Share of each pixel that an ink covers, from 0 to 1."""
-    return _grey_coverage(drawn, ink) if ink.grey else _coloured_coverage(drawn, ink, others)
-
-
-def _grey_coverage(drawn: Drawing, ink: Ink) -> np.ndarray:
-    tone = abs(float(np.mean(ink.color) - drawn.ground.mean()))
+    """Share of each pixel that an ink covers, from 0 to 1, without the lines of a grid."""
+    if not ink.grey:
+        return _coloured_coverage(drawn, ink, others)
     size = np.hypot(drawn.chroma[:, :, 0], drawn.chroma[:, :, 1])
-    share = drawn.darkness / tone - size / FAINT
+    share = _towards(drawn, ink) - size / FAINT
     share = np.where(share > 1.4, 0, np.clip(share, 0, 1))  # what is darker is another ink
-    rows, columns = _straight_lines(drawn)
+    return _without_lines(drawn, share)
+
+
+def lightness_coverage(drawn: Drawing, ink: Ink, covered: np.ndarray) -> np.ndarray:
+    """The same near what an ink covers, for pictures whose hues are blurred: by the whole colour.
+
+    JPEG and WebP keep the chroma of two by two pixels only.
+    """
+    share = _without_lines(drawn, np.clip(_towards(drawn, ink), 0, 1))
+    near = ndimage.maximum_filter(covered, (5, 3)) > 0.5 * covered.max()
+    return np.where(near, share, 0)
+
+
+def _towards(drawn: Drawing, ink: Ink) -> np.ndarray:
+    """How far each pixel is on the way from the ground to an ink."""
+    way = np.array(ink.color, np.float32) - drawn.ground
+    return drawn.marks @ (way / (way @ way))
+
+
+def _without_lines(drawn: Drawing, share: np.ndarray) -> np.ndarray:
+    """Coverage less that of the straight lines of a grid."""
     behind = np.zeros_like(share)
-    for lines, level in ((rows, share), (columns, share.T)):
-        tones = [np.median(line[line > FAINT / 2]) for line in level[lines]]
-        view = behind if level is share else behind.T
-        if tones:
-            view[lines] = np.maximum(view[lines], np.array(tones, np.float32)[:, None])
+    for lines, level, view in zip(
+        _straight_lines(drawn), (share, share.T), (behind, behind.T), strict=True
+    ):
+        for i in np.flatnonzero(lines):
+            marked = level[i][level[i] > FAINT / 2]
+            view[i] = np.maximum(view[i], np.median(marked) if marked.size else 0)
     # A line as dark as the ink hides it; of a paler one the rest is told apart.
     clear = (share - behind) / np.maximum(1 - behind, 0.3)
     return np.where(behind < 0.7, np.clip(clear, 0, 1), 0)
