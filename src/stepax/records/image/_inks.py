@@ -23,6 +23,9 @@ BINS = 72
 WIDEST = np.pi / 3
 """Hue that is no mixture with an ink any more, where no other ink is nearer."""
 
+FARTHEST = 0.7
+"""Hue, in radians, within which a colour is the one asked for: what is called blue has 0.6."""
+
 SPAN = 0.4
 """Share of the box's width that a curve spans; an arrow or a word does not."""
 
@@ -121,6 +124,34 @@ def grey_ink(drawn: Drawing) -> Ink | None:
     sign = -1 if drawn.ground.mean() > 0.5 else 1
     color = np.clip(drawn.ground + sign * tone, 0, 1)
     return Ink(tuple(color.tolist()), True)
+
+
+def match_ink(drawn: Drawing, inks: list[Ink], color: str, name: str) -> Ink:
+    """The ink of a colour that was asked for, or a `ValueError` with those there are."""
+    from PIL import ImageColor
+
+    if not isinstance(color, str):
+        raise TypeError(f'color must be "#rrggbb" or a name, got {color!r}.')
+    try:
+        wanted = ImageColor.getrgb(color.strip().lower().removeprefix("tab:"))[:3]
+    except ValueError:
+        raise ValueError(f'color must be "#rrggbb" or a name, got {color!r}.') from None
+    rgb = np.array(wanted) / 255
+    chroma = CHROMA @ rgb
+    if np.hypot(*chroma) < FAINT:
+        grey = grey_ink(drawn)
+        near = [] if grey is None else [grey]
+    else:
+        near = [ink for ink in inks if _hue_between(chroma, _chroma(ink, drawn)) < FARTHEST]
+    if not near:
+        known = ", ".join(ink.name for ink in inks) or "none"
+        raise ValueError(f"{name} has no curve in {color}; colours of its curves: {known}.")
+    return min(near, key=lambda ink: float(np.linalg.norm(np.array(ink.color) - rgb)))
+
+
+def _hue_between(a: np.ndarray, b: np.ndarray) -> float:
+    turn = np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)
+    return abs(float(turn))
 
 
 def coverage(drawn: Drawing, ink: Ink, others: list[Ink]) -> np.ndarray:

@@ -26,13 +26,24 @@ class Stroke(NamedTuple):
 
     - `column`, `row`: the middle of the stroke; every column at most once.
     - `deviation`: standard deviation of `row`.
-    - `width`: thickness across the stroke.
+    - `width`: thickness across the stroke. `blurred`: its rim is neither covered nor free, as it
+        is where a drawing is smoothed.
     """
 
     column: np.ndarray
     row: np.ndarray
     deviation: np.ndarray
     width: float
+    blurred: bool
+
+
+def is_step(stroke: Stroke) -> bool:
+    """Whether a curve is a step of an input: it lies on two levels."""
+    levels = np.quantile(stroke.row, [0.02, 0.98])
+    near = np.abs(stroke.row[:, None] - levels) < 1 + stroke.width / 2
+    on = near.mean(axis=0)
+    apart = levels[1] - levels[0] > 4 * stroke.width
+    return bool(apart and on.min() > 0.03 and near.any(axis=1).mean() > 0.97)
 
 
 class _Column(NamedTuple):
@@ -79,7 +90,9 @@ def trace(covered: np.ndarray, fine: np.ndarray, error: float) -> Stroke | None:
     # The place of a column is as uncertain as that of a row; a stroke that is thicker than it
     # should be may have its middle anywhere in what is too much.
     deviation = np.sqrt(error**2 * (1 + (0.5 * (least + most)) ** 2) + excess**2 / 12)
-    return Stroke(way.column[sound], row[sound], deviation[sound], width)
+    marked = fine[fine > 0.1]
+    blurred = bool(np.mean(marked < 0.9) > 0.1)
+    return Stroke(way.column[sound], row[sound], deviation[sound], width, blurred)
 
 
 def _middles(

@@ -18,10 +18,24 @@ UNEVEN = 1.5
 
 
 class Ticks(NamedTuple):
-    """Places of the marks on each axis, in pixels, from the lowest value on."""
+    """Places of the marks on each axis, in pixels, from the lowest value on.
+
+    `sharp`: for each axis, whether they were drawn on the middles of pixels. `hidden`: thickness of
+    a frame in the colour of the paper, which only shows in that the marks do not touch the ground.
+    """
 
     x: np.ndarray
     y: np.ndarray
+    sharp: tuple[bool, bool] = (False, False)
+    hidden: int = 0
+
+
+class _Marks(NamedTuple):
+    """Marks along one edge: see `Ticks`."""
+
+    place: np.ndarray
+    sharp: bool
+    hidden: int = 0
 
 
 def tick_marks(pixels: np.ndarray, box: Box) -> Ticks:
@@ -34,29 +48,30 @@ def tick_marks(pixels: np.ndarray, box: Box) -> Ticks:
     y = _along(
         turned, last - box.bottom, last - box.top, down - box.left, down - box.right, box.line
     )
-    return Ticks(x, last - y)
+    return Ticks(x.place, last - y.place, (x.sharp, y.sharp), max(x.hidden, y.hidden))
 
 
 def _along(
     pixels: np.ndarray, left: float, right: float, edge: float, top: float, line: float
-) -> np.ndarray:
+) -> _Marks:
     """Columns of the marks along the lower edge of a box."""
     most = int(LONGEST * (edge - top)) + 3
     clear = line + 0.1
     below, above = int(np.ceil(edge + clear)), int(np.floor(edge - clear))
     first, last = max(int(left) - 2, 0), int(np.ceil(right)) + 3
     outside = pixels[below : below + 2 * most, first:last]
-    for strip in (outside, outside[1:]):  # a frame in the colour of the paper may lie between
-        marks = first + _majors(*_marks(strip, 2, most))
+    for hidden in (0, 1, 2):  # a frame in the colour of the paper may lie between
+        marks = first + _majors(*_marks(outside[hidden:], 2, most))
+        marks = marks[(marks >= left - UNEVEN) & (marks <= right + UNEVEN)]
         if marks.size >= 2:
-            return marks[(marks >= left - UNEVEN) & (marks <= right + UNEVEN)]
+            return _Marks(*_evened(marks), hidden)
     first, last = int(np.ceil(left + clear)), int(np.floor(right - clear)) + 1
     inside = pixels[max(above - 2 * most + 1, 0) : above + 1, first:last][::-1]
     for least, longest in ((2, most), (len(inside), len(inside))):  # marks, or the lines of a grid
         marks = first + _majors(*_marks(inside, least, longest))
         if marks.size >= 2:
-            return _with_corners(marks, left, right)
-    return np.zeros(0)
+            return _Marks(*_evened(_with_corners(marks, left, right)))
+    return _Marks(np.zeros(0), False)
 
 
 def _marks(strip: np.ndarray, least: int, most: int) -> tuple[np.ndarray, np.ndarray]:
@@ -89,8 +104,8 @@ def _majors(middle: np.ndarray, reach: np.ndarray) -> np.ndarray:
     """
     for longest in np.unique(reach)[::-1]:
         chosen = middle[(reach >= 0.8 * longest) | (reach >= longest - 1)]
-        if chosen.size >= 3 and (even := _evened(chosen)) is not None:
-            return even
+        if chosen.size >= 3 and _evenly(chosen) is not None:
+            return chosen
     for longest in np.unique(reach)[::-1]:
         chosen = middle[reach >= 0.8 * longest]
         if chosen.size >= 2:
@@ -98,7 +113,14 @@ def _majors(middle: np.ndarray, reach: np.ndarray) -> np.ndarray:
     return middle
 
 
-def _evened(marks: np.ndarray) -> np.ndarray | None:
+def _evened(marks: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Marks where they ought to be, and whether they were on the middles of pixels."""
+    sharp = float(np.mean(np.abs(marks - np.rint(marks)) < 0.1)) > 0.7
+    even = _evenly(marks) if marks.size > 2 else None
+    return marks if even is None else even, sharp
+
+
+def _evenly(marks: np.ndarray) -> np.ndarray | None:
     """Marks on the line through all of them, where they are evenly spaced up to whole pixels."""
     step = np.median(np.diff(marks))
     place = np.rint((marks - marks[0]) / step)
