@@ -1,7 +1,7 @@
 """Forty plots of known responses, as matplotlib draws them, and what is known of each."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -22,13 +22,16 @@ def lag(t, T=1.5, delay=0.8):
     return 1 - np.exp(-np.maximum(t - delay, 0) / T)
 
 
-def three_lags(t, T=0.9):
-    x = np.maximum(t, 0) / T
-    return 1 - np.exp(-x) * (1 + x + x**2 / 2)
+def chain(t, T=0.7, r=0.2, delay=0.5):
+    """Hudzovic's chain of order 3, by partial fractions."""
+    lags = T / (1 - r * np.arange(3))
+    t = np.maximum(t - delay, 0)[:, None]
+    shares = [np.prod([a / (a - b) for b in lags if b != a]) for a in lags]
+    return 1 - np.exp(-t / lags) @ np.array(shares)
 
 
-def oscillation(t, zeta=0.25, omega=2.2):
-    t = np.maximum(t, 0)
+def oscillation(t, zeta=0.25, omega=2.2, delay=0.4):
+    t = np.maximum(t - delay, 0)
     damped = omega * np.sqrt(1 - zeta**2)
     ratio = zeta * omega / damped
     return 1 - np.exp(-zeta * omega * t) * (np.cos(damped * t) + ratio * np.sin(damped * t))
@@ -41,7 +44,7 @@ def fast(t):
 FITS: dict[Callable, tuple[str, dict[str, Any]]] = {
     lag: ("fopdt_fit", {}),
     fast: ("fopdt_fit", {}),
-    three_lags: ("hudzovic_fit", {"orders": (3,)}),
+    chain: ("hudzovic_fit", {"orders": (3,)}),
     oscillation: ("sopdt_fit", {}),
 }
 """The fit of each plant's own family."""
@@ -116,9 +119,9 @@ class Plot:
     """One picture: what is drawn, how, and how it is calibrated."""
 
     name: str
-    response: Callable = three_lags
+    response: Callable = chain
     noise: float = 0.0
-    size: tuple[float, float] = (6.4, 4.8)
+    size: tuple[float, float] | None = None
     dpi: int = 100
     style: str = "default"
     line: dict[str, Any] = field(default_factory=dict)
@@ -174,14 +177,14 @@ THIN, THICK = {"linewidth": 0.8}, {"linewidth": 5}
 DASHED = {"linestyle": "--"}
 MARKED = {"marker": "o", "markevery": 20}
 
-PLOTS = (
+_PLOTS = (
     Plot("default"),
     Plot("default by its edges", ticks=False),
     Plot("lag", lag),
     Plot("oscillation", oscillation),
     Plot("steep", fast),
     Plot("noisy", lag, 0.01, samples=200),
-    Plot("noisier", three_lags, 0.03, samples=120),
+    Plot("noisier", chain, 0.03, samples=120),
     Plot("noisy oscillation", oscillation, 0.02, samples=150),
     Plot("ggplot", style="ggplot", beside=(legend,)),
     Plot("ggplot lag", lag, style="ggplot", ticks=False),
@@ -216,3 +219,9 @@ PLOTS = (
     Plot("two spines", lag, beside=(two_spines, words), dpi=150),
     Plot("ticks inside", oscillation, beside=(limits_at_ticks, minor_ticks, ticks_inside), dpi=200),
 )
+
+PLOTS = tuple(
+    replace(plot, size=(5.8 + (0.37 * k) % 3, 4.3 + (0.23 * k) % 1.9)) if plot.size is None else plot
+    for k, plot in enumerate(_PLOTS)
+)
+"""Every picture of another size, so that lines meet other parts of pixels."""

@@ -111,7 +111,7 @@ def places(box: Box, ticks: Ticks, blurred: bool) -> dict[str, tuple[Any, np.nda
     def freed(edges: np.ndarray, outwards: np.ndarray) -> np.ndarray:
         if box.line == 0 and ticks.hidden:  # a frame was drawn over the rim of the ground
             return edges + outwards * ticks.hidden / 2 - half
-        sharp = box.line > 0 and np.all(np.abs(edges - np.rint(edges)) < 0.1)
+        sharp = box.line > 0 and np.all(np.abs(edges - np.rint(edges)) < 0.2)
         return edges - half * bool(sharp)
 
     x_edges = freed(np.array([box.left, box.right]), np.array([-1, 1]))

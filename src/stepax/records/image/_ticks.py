@@ -115,7 +115,7 @@ def _majors(middle: np.ndarray, reach: np.ndarray) -> np.ndarray:
 
 def _evened(marks: np.ndarray) -> tuple[np.ndarray, bool]:
     """Marks where they ought to be, and whether they were on the middles of pixels."""
-    sharp = float(np.mean(np.abs(marks - np.rint(marks)) < 0.1)) > 0.7
+    sharp = float(np.mean(np.abs(marks - np.rint(marks)) < 0.2)) > 0.7
     even = _evenly(marks) if marks.size > 2 else None
     return marks if even is None else even, sharp
 
