@@ -87,7 +87,7 @@ def legend(axes: Axes) -> None:
 
 
 def legend_over_the_curve(axes: Axes) -> None:
-    axes.legend(loc="upper center")
+    axes.legend(loc=(0.15, 0.5), framealpha=1)
 
 
 def words(axes: Axes) -> None:
@@ -111,7 +111,7 @@ def four_curves(axes: Axes) -> None:
 
 
 def limits_at_ticks(axes: Axes) -> None:
-    axes.set(xlim=(0, 10), ylim=(20, 40))
+    axes.set(xlim=(0, 10), ylim=(20, 45))
 
 
 @dataclass(frozen=True)

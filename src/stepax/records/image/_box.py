@@ -52,7 +52,8 @@ def find_box(pixels: np.ndarray) -> Box | None:
     lines agree with, and of boxes within each other the inner one, unless it is a small part.
     """
     height, width = pixels.shape[:2]
-    across, down = _lines(pixels), _lines(pixels.swapaxes(0, 1))
+    planes = [np.ascontiguousarray(pixels[:, :, i]) for i in range(3)]
+    across, down = _lines(planes), _lines([np.ascontiguousarray(plane.T) for plane in planes])
     reach = 3 + 0.004 * max(height, width)
     found = []
     for x, y in product(_extents(across, reach), _extents(down, reach)):
@@ -79,13 +80,14 @@ def find_box(pixels: np.ndarray) -> Box | None:
     return _refined(pixels, x, y, reach)
 
 
-def _lines(pixels: np.ndarray) -> _Lines:
-    """Edges between rows; an edge belongs to the row below it."""
-    width = pixels.shape[1]
-    change = np.zeros(pixels.shape[:2], bool)
-    values = pixels.astype(np.int16)
-    change[1:] = np.any(np.abs(values[1:] - values[:-1]) > EDGE, axis=2)
-    row, start, end = _runs(change)
+def _lines(planes: list[np.ndarray]) -> _Lines:
+    """Edges between rows of red, green or blue; an edge belongs to the row below it."""
+    width = planes[0].shape[1]
+    change = np.zeros(planes[0].shape, bool)
+    for plane in planes:  # of bytes, whose differences must not be negative
+        above, below = plane[:-1], plane[1:]
+        change[1:] |= np.maximum(above, below) - np.minimum(above, below) > EDGE
+    row, start, end = runs_of(change)
     if not row.size:
         return _Lines(row, start, end)
     # Dashes and crossing lines leave gaps, no longer than the dashes; what is left must be more line
@@ -102,13 +104,13 @@ def _lines(pixels: np.ndarray) -> _Lines:
     return _Lines(row[first][long], start[first][long], end[last][long])
 
 
-def _runs(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def runs_of(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Row, first and last column of each run of true values."""
-    padded = np.zeros((mask.shape[0], mask.shape[1] + 2), np.int8)
+    padded = np.zeros((mask.shape[0], mask.shape[1] + 2), bool)
     padded[:, 1:-1] = mask
-    turn = np.diff(padded, axis=1)
-    row, start = np.nonzero(turn == 1)
-    return row, start, np.nonzero(turn == -1)[1] - 1
+    turn = np.flatnonzero(padded[:, 1:] != padded[:, :-1])  # starts and ends alternate
+    row, column = np.divmod(turn, mask.shape[1] + 1)
+    return row[::2], column[::2], column[1::2] - 1
 
 
 def _extents(lines: _Lines, reach: float) -> list[tuple[int, int]]:

@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ._box import runs_of
+
 
 MOST = 10
 """Candidates of a column that are looked at, the largest ones."""
@@ -18,6 +20,9 @@ COVERED = 0.2
 
 LONGEST_JUMP = 0.08
 """Most that a jump costs, as a share of the columns: a detour must be longer to pay."""
+
+MOST_BENT = 0.8
+"""Most that a bend costs of what a column gives: noise bends everywhere and leaves none out."""
 
 LONGEST_GAP = 0.3
 """Share of the columns that a way can leave out at once."""
@@ -41,12 +46,8 @@ class Runs(NamedTuple):
 def candidates(covered: np.ndarray) -> Runs:
     """The largest runs of covered pixels in each column."""
     share = np.ascontiguousarray(covered.T)
-    columns, height = share.shape
-    padded = np.zeros((columns, height + 2), np.int8)
-    padded[:, 1:-1] = share > COVERED
-    turn = np.diff(padded, axis=1)
-    column, top = np.nonzero(turn == 1)
-    bottom = np.nonzero(turn == -1)[1] - 1
+    columns = share.shape[0]
+    column, top, bottom = runs_of(share > COVERED)
     total, moment = sums_between(share, column, top, bottom)
     # The largest first within each column; what is beyond `MOST` is dropped.
     order = np.lexsort((-total, column))
@@ -146,15 +147,16 @@ def _reached(
     if ways.gain.size:
         since = (column - ways.column)[:, None]
         ahead = ways.slope[:, None] * since
-        # A steep stroke is a long run: what counts is the gap between runs, not between centres.
-        apart = np.maximum(top - ways.bottom[:, None], ways.top[:, None] - bottom) - 1
+        # A steep stroke is a long run: what counts is the gap between runs, not between centres. One
+        # row may be too pale to be seen.
+        apart = np.maximum(top - ways.bottom[:, None], ways.top[:, None] - bottom) - 2
         moved = np.maximum(
             top - ways.bottom[:, None] - ahead, ways.top[:, None] + ahead - bottom
         )
-        jump = np.maximum(np.minimum(apart, moved), 0) / width
+        jump = np.maximum(np.minimum(apart, moved), 0) / max(width, 2.0)
         half = 0.5 * (bottom - top + ways.bottom[:, None] - ways.top[:, None]) + width
         bend = np.abs(centre - ways.centre[:, None] - ahead) / (half + 0.5 * (since - 1))
-        cost = np.minimum(jump + np.minimum(bend, 4.0), most)
+        cost = np.minimum(jump + MOST_BENT * gain * np.minimum(bend, 1.0), most)
         reached = ways.gain[:, None] - cost
         best = np.argmax(reached, axis=0)
         rows = np.arange(place.size)

@@ -14,6 +14,10 @@ BLOB, REST = 1.6, 0.7
 """Shares of the thickness that a stroke has by its slope: beyond them a marker, a crossing or an end
 of a dash is read. At a slope that changes it is off by a third; `test_markers_are_left_out`."""
 
+ROUGH = 0.5
+"""Noise of a curve, in pixels, from which its thickness tells nothing: markers and dashes have 0.2,
+a trace whose noise can be seen has 1."""
+
 REACH = 3
 """Columns over which a slope is taken: a dash on a steep part is one or two wide."""
 
@@ -79,32 +83,35 @@ def trace(covered: np.ndarray, fine: np.ndarray, error: float) -> Stroke | None:
     # of level parts; markers are on less than a third of the columns, ends of dashes too
     width = float(np.quantile(thickness[least <= np.median(least)], 0.3))
     expected = np.sqrt(1 + np.stack([least, most]) ** 2) * width
-    sound = way.total > REST * expected[0]
-    sound &= ~_beside_gaps(way.column, round(width / 2))
-    slim = way.total < BLOB * expected[1] + 0.5
-    if np.mean(slim[sound]) > 0.5:  # of noise nothing else would be left
+    rough = _roughness(way.column, way.row)
+    sound = np.ones(way.column.size, bool)
+    if rough < ROUGH:
+        sound = (way.total > REST * expected[0]) & ~_beside_gaps(way.column, round(width / 2))
+        blob = way.total > BLOB * expected[1] + 0.5
         reach = 3 + 2 * round(width / 2)  # the rim of a marker is thin
-        sound &= np.convolve(~slim, np.ones(reach), "same") < 0.5
+        sound &= np.convolve(blob, np.ones(reach), "same") < 0.5
+    if np.count_nonzero(sound) < FEWEST:
+        return None
     row = _rows_of_steep_parts(share, way, width)
     excess = np.maximum(way.total - expected[0], 0)
     # The place of a column is as uncertain as that of a row; a stroke that is thicker than it
     # should be may have its middle anywhere in what is too much.
     square = error**2 * (1 + (0.5 * (least + most)) ** 2) + excess**2 / 12
-    deviation = np.sqrt(square + _roughness(row[sound]) ** 2)
+    deviation = np.sqrt(square + rough**2)
     marked = fine[fine > 0.1]
     blurred = bool(np.mean(marked < 0.9) > 0.1)
     return Stroke(way.column[sound], row[sound], deviation[sound], width, blurred)
 
 
-def _roughness(row: np.ndarray) -> float:
+def _roughness(column: np.ndarray, row: np.ndarray) -> float:
     """Noise of the curve itself: of it every column has the same, however well it can be read.
 
     From fourth differences, which a smooth curve has next to none of, over three columns, as noise
     that is drawn as a line is the same from column to column; the median, as bends have some.
     """
-    rows = row[: row.size // 3 * 3].reshape(-1, 3).T
-    differences = np.diff(rows, 4, axis=1)
-    return 1.4826 * float(np.median(np.abs(differences))) / 70**0.5
+    rows = np.interp(np.arange(column[0], column[-1] + 1), column, row)
+    rows = rows[: rows.size // 3 * 3].reshape(-1, 3).T
+    return 1.4826 * float(np.median(np.abs(np.diff(rows, 4, axis=1)))) / 70**0.5
 
 
 def _middles(

@@ -130,11 +130,12 @@ def _evenly(marks: np.ndarray) -> np.ndarray | None:
 
 
 def _with_corners(marks: np.ndarray, left: float, right: float) -> np.ndarray:
-    """Marks inside the box, and those that its corners hide."""
-    if marks.size < 2:
-        return marks
+    """Marks inside the box, and those that its corners hide.
+
+    Those are where the next mark would be. If that holds of both corners, the axis was made to end
+    at its marks, and whole pixels excuse some; of one it may be chance.
+    """
     step = marks[1] - marks[0]
-    reach = max(UNEVEN, 0.02 * step)
-    before = [left] if abs(marks[0] - step - left) < reach else []
-    after = [right] if abs(marks[-1] + step - right) < reach else []
-    return np.concatenate([before, marks, after])
+    off = np.abs([marks[0] - step - left, marks[-1] + step - right])
+    near = off < (2 * UNEVEN if off.max() < 2 * UNEVEN else 0.75)
+    return np.concatenate([[left][: int(near[0])], marks, [right][: int(near[1])]])
