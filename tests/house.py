@@ -32,6 +32,7 @@ ROOMS = (
     "study",
     "layer",
     "report",
+    "_cli_record",
     "_cli",
     "app",
 )

@@ -221,7 +221,9 @@ _PLOTS = (
 )
 
 PLOTS = tuple(
-    replace(plot, size=(5.8 + (0.37 * k) % 3, 4.3 + (0.23 * k) % 1.9)) if plot.size is None else plot
+    replace(plot, size=(5.8 + (0.37 * k) % 3, 4.3 + (0.23 * k) % 1.9))
+    if plot.size is None
+    else plot
     for k, plot in enumerate(_PLOTS)
 )
 """Every picture of another size, so that lines meet other parts of pixels."""

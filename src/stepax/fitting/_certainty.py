@@ -93,7 +93,10 @@ def with_record(result: Identification, record: StepRecord) -> Identification:
     model = result.model
     free = [scalar for scalar in model.scalars if scalar.label in result.free]
     causes = jnp.stack(
-        [_through_the_axes(model.dimension(s.name), s.name, _value(model, s), details) for s in free]
+        [
+            _through_the_axes(model.dimension(s.name), s.name, _value(model, s), details)
+            for s in free
+        ]
     )
     covariance = result.covariance + causes @ causes.T
     std = dict(result.std)

@@ -153,9 +153,7 @@ def _edge(pixels: np.ndarray, row: int, span: tuple[int, int], reach: float) -> 
     band = pixels[first : last + 1, span[0] + margin : span[1] - margin].astype(float)
     profile = np.median(band, axis=1)
     before, after = profile[0], profile[-1]
-    line = np.minimum(
-        np.abs(profile - before).max(axis=1), np.abs(profile - after).max(axis=1)
-    )
+    line = np.minimum(np.abs(profile - before).max(axis=1), np.abs(profile - after).max(axis=1))
     peak = int(np.argmax(line))
     strength = line[peak]
     across = np.abs(after - before).max()

@@ -150,9 +150,7 @@ def _reached(
         # A steep stroke is a long run: what counts is the gap between runs, not between centres. One
         # row may be too pale to be seen.
         apart = np.maximum(top - ways.bottom[:, None], ways.top[:, None] - bottom) - 2
-        moved = np.maximum(
-            top - ways.bottom[:, None] - ahead, ways.top[:, None] + ahead - bottom
-        )
+        moved = np.maximum(top - ways.bottom[:, None] - ahead, ways.top[:, None] + ahead - bottom)
         jump = np.maximum(np.minimum(apart, moved), 0) / max(width, 2.0)
         half = 0.5 * (bottom - top + ways.bottom[:, None] - ways.top[:, None]) + width
         bend = np.abs(centre - ways.centre[:, None] - ahead) / (half + 0.5 * (since - 1))

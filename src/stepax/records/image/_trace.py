@@ -12,8 +12,16 @@ from .._labels import Labels
 from .._record import MIN_SAMPLES, StepRecord
 from ._box import Box, find_box
 from ._calibration import Axis, axis_of, places
-from ._inks import Drawing, Ink, coloured_inks, coverage, drawing, grey_ink, lightness_coverage
-from ._inks import match_ink
+from ._inks import (
+    Drawing,
+    Ink,
+    coloured_inks,
+    coverage,
+    drawing,
+    grey_ink,
+    lightness_coverage,
+    match_ink,
+)
 from ._picture import Picture, load
 from ._stroke import Stroke, is_step, trace
 from ._ticks import Ticks, tick_marks
@@ -143,7 +151,9 @@ def _given_box(picture: Picture, box: Any) -> Box:
     try:
         left, top, right, bottom = (float(edge) for edge in box)
     except (TypeError, ValueError):
-        raise TypeError(f"box must be four pixels: left, top, right, bottom; got {box!r}.") from None
+        raise TypeError(
+            f"box must be four pixels: left, top, right, bottom; got {box!r}."
+        ) from None
     inside = 0 <= left and right <= picture.width - 1 and 0 <= top and bottom <= picture.height - 1
     if not (inside and right - left >= 20 and bottom - top >= 20):
         raise ValueError(
@@ -153,9 +163,7 @@ def _given_box(picture: Picture, box: Any) -> Box:
     return Box(left, top, right, bottom, 0.5)
 
 
-def _with_curve(
-    found: Finding, drawn: Drawing, ink: Ink, steps: Sequence[Ink] = ()
-) -> Finding:
+def _with_curve(found: Finding, drawn: Drawing, ink: Ink, steps: Sequence[Ink] = ()) -> Finding:
     """The finding with its curve, and the column of a drawn step beside it."""
     stroke = _stroke(found, drawn, ink)
     if stroke is None:
