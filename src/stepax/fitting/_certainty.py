@@ -83,8 +83,8 @@ def with_record(result: Identification, record: StepRecord) -> Identification:
     **Axes.** A record from a picture says how certain its axes are (`scale_output`, `scale_time`,
     `stroke`, `stroke_time`; see `trace_image`), which no residual shows: the errors are the same in
     all rows. A parameter changes by itself times the relative change of its unit, a dead time also
-    by the shift of time, an offset by that of the output, so that for each of these four causes
-    with deviation $s$ and sensitivity $v$ in the parameters $s^2 v v^\top$ is added to the covariance.
+    by the shift of time, an offset by that of the output: with deviation $s$ of each of these four
+    causes and the parameters' sensitivity $v$ to it, $s^2 v v^\top$ is added to the covariance.
     """
     details = result.details | record.details
     result = dataclasses.replace(result, record=record, details=details)
@@ -92,12 +92,7 @@ def with_record(result: Identification, record: StepRecord) -> Identification:
         return result
     model = result.model
     free = [scalar for scalar in model.scalars if scalar.label in result.free]
-    causes = jnp.stack(
-        [
-            _through_the_axes(model.dimension(s.name), s.name, _value(model, s), details)
-            for s in free
-        ]
-    )
+    causes = jnp.stack([_through_the_axes(model, scalar, details) for scalar in free])
     covariance = result.covariance + causes @ causes.T
     std = dict(result.std)
     for scalar, error in zip(free, safe_sqrt(jnp.diagonal(covariance)), strict=True):
@@ -106,8 +101,9 @@ def with_record(result: Identification, record: StepRecord) -> Identification:
     return dataclasses.replace(result, covariance=covariance, std=std)
 
 
-def _through_the_axes(dimension: str, name: str, value: Array, details: dict[str, Array]) -> Array:
+def _through_the_axes(model, scalar: ScalarParameter, details: dict[str, Array]) -> Array:
     """Deviations of a parameter by the scales and places of both axes."""
+    value = _value(model, scalar)
     time, output = value * details["scale_time"], value * details["scale_output"]
     zero = jnp.zeros_like(time)
     scales = {
@@ -117,11 +113,11 @@ def _through_the_axes(dimension: str, name: str, value: Array, details: dict[str
         "output/input": (zero, output),
         "output/(input time)": (-time, output),
         "1": (zero, zero),
-    }[dimension]
+    }[model.dimension(scalar.name)]
     places = {"delay": ("stroke_time", 2), "offset": ("stroke", 3)}
     row = jnp.stack([*scales, zero, zero])
-    if name in places:
-        detail, cause = places[name]
+    if scalar.name in places:
+        detail, cause = places[scalar.name]
         row = row.at[cause].set(details[detail])
     return row
 

@@ -90,8 +90,8 @@ def _lines(planes: list[np.ndarray]) -> _Lines:
     row, start, end = runs_of(change)
     if not row.size:
         return _Lines(row, start, end)
-    # Dashes and crossing lines leave gaps, no longer than the dashes; what is left must be more line
-    # than gap, unlike text. A tick label is as near to the frame, but its strokes are shorter.
+    # Dashes and crossing lines leave gaps, no longer than the dashes; what is left must be more
+    # line than gap, unlike text. A tick label is as near to the frame, but its strokes are shorter.
     length = end - start + 1
     gap = np.maximum(3, np.minimum(length[1:], length[:-1]))
     gap = np.minimum(gap, 3 + int(0.012 * width))

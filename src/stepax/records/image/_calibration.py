@@ -50,7 +50,7 @@ def axis_of(
         values = _pair(f"{name}_ticks", pairs["ticks"])
         if marks.size < 2:
             raise ValueError(
-                f"{name}_ticks needs two tick marks on the axis {name}; {marks.size or 'none'} found:"
+                f"{name}_ticks needs two tick marks on the axis {name}, and {marks.size} were found:"
                 f" give {name}_range, the values at the edges of the axes, or points."
             )
         return _between((float(marks[0]), float(marks[-1])), values)
@@ -92,9 +92,8 @@ def _through(name: str, points: Sequence[Any]) -> Axis:
         raise ValueError(f"points need two different places and values on the axis {name}.")
     unit = float(spread @ value) / length**2
     if unit == 0 or (unit > 0) != (name == "x"):
-        raise ValueError(
-            f"points: values on the axis {name} must rise to the {'right' if name == 'x' else 'top'}."
-        )
+        way = "right" if name == "x" else "top"
+        raise ValueError(f"points: values on the axis {name} must rise to the {way}.")
     return Axis(float(value.mean() - unit * pixel.mean()), unit, PLACED / length)
 
 

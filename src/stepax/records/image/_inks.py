@@ -104,8 +104,8 @@ def _peaks(hue: np.ndarray, weight: np.ndarray) -> list[tuple[float, float]]:
             steps = min(steps, BINS // 2)
             path = (top + way * np.arange(steps + 1)) % BINS
             lowest = int(np.argmin(smooth[path]))
-            edges.append(top + way * lowest)
-        ranges.append(tuple((np.array(edges) + [0, 1]) / BINS * 2 * np.pi - np.pi))
+            edges.append((top + way * lowest) / BINS * 2 * np.pi - np.pi)
+        ranges.append((edges[0], edges[1] + 2 * np.pi / BINS))
     return ranges
 
 

@@ -42,16 +42,11 @@ def overlay(found: Finding) -> "Image":
         draw.line([place(box.left - length, y), place(box.left, y)], fill=MARK, width=2)
     if found.stroke is not None:
         width = max(2, zoom)
-        for piece in pieces(found.stroke.column):
-            dots = [place(*dot) for dot in zip(found.stroke.column[piece], found.stroke.row[piece])]
+        read = np.stack([found.stroke.column, found.stroke.row], axis=1)
+        for piece in np.split(read, np.flatnonzero(np.diff(read[:, 0]) > 1) + 1):
+            dots = [place(*dot) for dot in piece.tolist()]
             draw.line(dots if len(dots) > 1 else dots + dots, fill=CURVE, width=width)
     return image
-
-
-def pieces(column: np.ndarray) -> list[slice]:
-    """Stretches of columns without a gap."""
-    ends = [0, *(np.flatnonzero(np.diff(column) > 1) + 1).tolist(), column.size]
-    return [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
 
 
 def overlay_bytes(found: Finding) -> bytes:

@@ -147,8 +147,8 @@ def _reached(
     if ways.gain.size:
         since = (column - ways.column)[:, None]
         ahead = ways.slope[:, None] * since
-        # A steep stroke is a long run: what counts is the gap between runs, not between centres. One
-        # row may be too pale to be seen.
+        # A steep stroke is a long run: what counts is the gap between runs, not between centres.
+        # One row may be too pale to be seen.
         apart = np.maximum(top - ways.bottom[:, None], ways.top[:, None] - bottom) - 2
         moved = np.maximum(top - ways.bottom[:, None] - ahead, ways.top[:, None] + ahead - bottom)
         jump = np.maximum(np.minimum(apart, moved), 0) / max(width, 2.0)

@@ -11,8 +11,8 @@ STEEP = 2.0
 """Rows a column from which a stroke is read row by row."""
 
 BLOB, REST = 1.6, 0.7
-"""Shares of the thickness that a stroke has by its slope: beyond them a marker, a crossing or an end
-of a dash is read. At a slope that changes it is off by a third; `test_markers_are_left_out`."""
+"""Shares of the thickness that a stroke has by its slope: beyond them a marker, a crossing or the
+end of a dash is read. Where a slope changes it is off by a third; `test_markers_are_left_out`."""
 
 ROUGH = 0.5
 """Noise of a curve, in pixels, from which its thickness tells nothing: markers and dashes have 0.2,
