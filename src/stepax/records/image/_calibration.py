@@ -50,7 +50,7 @@ def axis_of(
         values = _pair(f"{name}_ticks", pairs["ticks"])
         if marks.size < 2:
             raise ValueError(
-                f"{name}_ticks needs two tick marks on the axis {name}, and {marks.size} were found:"
+                f"{name}_ticks needs two tick marks on the axis {name}, {marks.size} were found:"
                 f" give {name}_range, the values at the edges of the axes, or points."
             )
         return _between((float(marks[0]), float(marks[-1])), values)

@@ -8,7 +8,6 @@ the part of red, green and blue across the axis of greys.
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
 
 
 CHROMA = np.array([[1.0, -0.5, -0.5], [0.0, 3**0.5 / 2, -(3**0.5) / 2]]) * (2 / 3)
@@ -169,6 +168,8 @@ def lightness_coverage(drawn: Drawing, ink: Ink, covered: np.ndarray) -> np.ndar
 
     JPEG and WebP keep the chroma of two by two pixels only.
     """
+    from scipy import ndimage
+
     share = _without_lines(drawn, np.clip(_towards(drawn, ink), 0, 1))
     near = ndimage.maximum_filter(covered, (5, 3)) > 0.5 * covered.max()
     return np.where(near, share, 0)
