@@ -1,6 +1,5 @@
 """From pixels to values: by the edges of the box, by tick marks, or by points that are known."""
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +34,7 @@ def axis_of(
     edges: tuple[float, float],
     marks: np.ndarray,
     given: dict[str, Any],
-    points: Sequence[Any] | None,
+    points: Any,
 ) -> Axis | None:
     """Calibration of the axis `name`, x or y, or None if nothing is given for it.
 
@@ -77,7 +76,7 @@ def _between(places: tuple[float, float], values: tuple[float, float]) -> Axis:
     return Axis(values[0] - unit * places[0], unit, 2**0.5 * PLACED / abs(length))
 
 
-def _through(name: str, points: Sequence[Any]) -> Axis:
+def _through(name: str, points: Any) -> Axis:
     """The line through known points, by least squares if they are more than two."""
     try:
         table = np.array(points, float)

@@ -5,7 +5,7 @@ a grid behind or black text beside, is left aside for a coloured ink by looking 
 the part of red, green and blue across the axis of greys.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -125,7 +125,7 @@ def grey_ink(drawn: Drawing) -> Ink | None:
     return Ink(tuple(color.tolist()), True)
 
 
-def match_ink(drawn: Drawing, inks: list[Ink], color: str, name: str) -> Ink:
+def match_ink(drawn: Drawing, inks: list[Ink], color: Any, name: str) -> Ink:
     """The ink of a colour that was asked for, or a `ValueError` with those there are."""
     from PIL import ImageColor
 

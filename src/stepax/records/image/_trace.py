@@ -27,6 +27,10 @@ from ._stroke import Stroke, is_step, trace
 from ._ticks import Ticks, tick_marks
 
 
+Pair = Any
+"""Two numbers; what else is given is refused in a sentence."""
+Number = Any
+
 SHARP, BLURRED = 0.05, 0.2
 """Standard deviation in pixels of the middle of a level stroke, as measured on plots of known
 curves: `test_the_stroke_is_as_certain_as_it_says`. JPEG and WebP blur it."""
@@ -68,15 +72,15 @@ class Finding(NamedTuple):
 def trace_image(
     path: str | PathLike,
     *,
-    x_range: tuple[float, float] | None = None,
-    y_range: tuple[float, float] | None = None,
-    x_ticks: tuple[float, float] | None = None,
-    y_ticks: tuple[float, float] | None = None,
-    points: Sequence[tuple[tuple[float, float], tuple[float, float]]] | None = None,
-    color: str | None = None,
-    box: tuple[float, float, float, float] | None = None,
-    step_time: float | None = 0.0,
-    step_size: float = 1.0,
+    x_range: Pair | None = None,
+    y_range: Pair | None = None,
+    x_ticks: Pair | None = None,
+    y_ticks: Pair | None = None,
+    points: Any = None,
+    color: Any = None,
+    box: Any = None,
+    step_time: Number | None = 0.0,
+    step_size: Number = 1.0,
 ) -> StepRecord:
     r"""The record behind a picture of a plot: PNG, JPEG, WebP or GIF, with linear axes.
 
@@ -116,8 +120,8 @@ def trace_image(
 
 def read_picture(
     path: str | PathLike,
-    color: str | None = None,
-    box: tuple[float, float, float, float] | None = None,
+    color: Any = None,
+    box: Any = None,
 ) -> Finding:
     """What a picture shows, in pixels; `color` and `box` as in `trace_image`."""
     picture = load(Path(path))
@@ -206,7 +210,7 @@ def calibrated(found: Finding, **given: Any) -> tuple[Axis, Axis]:
 
 
 def record_of(
-    found: Finding, axes: tuple[Axis, Axis], step_time: float | None, step_size: float
+    found: Finding, axes: tuple[Axis, Axis], step_time: Number | None, step_size: Number
 ) -> StepRecord:
     """The record of a finding."""
     stroke, (x, y) = found.stroke, axes
