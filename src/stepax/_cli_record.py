@@ -88,9 +88,7 @@ def read_file(path: Path, columns: dict[str, Any], picture: dict[str, Any]) -> "
     if path.suffix.lower() in SUFFIXES:
         given = [name for name, value in columns.items() if value is not None]
         if given:
-            raise ValueError(
-                f"{path.name} is a picture, which has no columns: leave out --{given[0]}."
-            )
+            raise ValueError(f"{path.name} is a picture, without columns: leave out --{given[0]}.")
         return _traced(path, picture)[1]
     asked = [name.replace("_", "-") for name, value in picture.items() if value is not None]
     if asked:

@@ -27,8 +27,9 @@ MOST_BENT = 0.8
 LONGEST_GAP = 0.3
 """Share of the columns that a way can leave out at once."""
 
-SMOOTHING = 0.3
-"""Weight of the newest column in a way's slope."""
+SMOOTHING = 0.15
+"""Weight of the newest column in a way's slope, which outlasts a crossing: with 0.3 a way turns at
+one of flat lines, `test_a_way_goes_straight_through_a_crossing`."""
 
 
 class Runs(NamedTuple):
@@ -88,7 +89,7 @@ def stroke_width(runs: Runs) -> float:
 
 
 class _Ways(NamedTuple):
-    """Ways so far: where each was last seen, its slope, what it has gained, and where from."""
+    """Ways so far: where each was last seen, its slope and thickness, and what it has gained."""
 
     column: np.ndarray
     place: np.ndarray
@@ -96,6 +97,7 @@ class _Ways(NamedTuple):
     bottom: np.ndarray
     centre: np.ndarray
     slope: np.ndarray
+    thickness: np.ndarray
     gain: np.ndarray
 
     def best(self, count: int, now: int, longest: float) -> "_Ways":
@@ -109,7 +111,7 @@ def cheapest(runs: Runs, width: float) -> tuple[np.ndarray, np.ndarray]:
     columns = runs.total.shape[0]
     most = max(LONGEST_JUMP * columns, 8.0)
     before = np.full((columns, MOST, 2), -1)
-    ways = _Ways(*(np.zeros(0, int) for _ in range(2)), *(np.zeros(0) for _ in range(5)))
+    ways = _Ways(*(np.zeros(0, int) for _ in range(2)), *(np.zeros(0) for _ in range(6)))
     finished = (0.0, -1, -1)
     for column in range(columns):
         place = np.flatnonzero(runs.total[column] > 0.35 * width)
@@ -142,8 +144,9 @@ def _reached(
     """The best way to each candidate of a column."""
     top, bottom = runs.top[column, place], runs.bottom[column, place]
     centre = runs.centre[column, place]
-    gain = np.minimum(runs.total[column, place] / width, 1.0)
-    slope = np.zeros(place.size)
+    total = runs.total[column, place]
+    gain = np.minimum(total / width, 1.0)
+    slope, thickness = np.zeros(place.size), total.copy()
     if ways.gain.size:
         since = (column - ways.column)[:, None]
         ahead = ways.slope[:, None] * since
@@ -163,8 +166,12 @@ def _reached(
         step = (centre - ways.centre[best]) / since[best, 0]
         # after the first column of a way there is no slope yet to smooth
         fresh = before[ways.column[best], ways.place[best], 0] < 0
-        share = np.where(fresh, 1.0, SMOOTHING)
+        # where another line joins, the middle of both says nothing of the way's own slope
+        joined = total > 1.3 * ways.thickness[best] + 0.5
+        share = np.where(fresh, 1.0, np.where(joined, 0.0, SMOOTHING))
         slope = np.where(better, ways.slope[best] + share * (step - ways.slope[best]), 0)
+        grown = ways.thickness[best] + SMOOTHING / 3 * (total - ways.thickness[best])
+        thickness = np.where(better, grown, total)
         before[column, place[better], 0] = ways.column[best][better]
         before[column, place[better], 1] = ways.place[best][better]
-    return _Ways(np.full(place.size, column), place, top, bottom, centre, slope, gain)
+    return _Ways(np.full(place.size, column), place, top, bottom, centre, slope, thickness, gain)

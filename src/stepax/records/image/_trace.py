@@ -260,9 +260,11 @@ def _leaving(found: Finding, t: np.ndarray, y: np.ndarray) -> float:
     """
     first = max(8, t.size // 25)
     level = float(np.median(y[:first]))
-    noise = 1.4826 * float(np.median(np.abs(y[:first] - level)))
+    line = np.polyfit(t[:first], y[:first], 1)
+    noise = 1.4826 * float(np.median(np.abs(y[:first] - np.polyval(line, t[:first]))))
+    drift = abs(float(line[0])) * (t[first - 1] - t[0])
     limit = max(5 * noise, 0.01 * float(np.ptp(y)))
-    away = np.abs(y - level)
+    away = np.abs(y - level) if drift < limit else np.zeros(t.size)
     for row in np.flatnonzero(away > limit):
         if row >= first and np.all(away[row : row + 5] > limit):
             later = row + int(np.argmax(away[row:] > 3 * limit))
