@@ -42,7 +42,8 @@ def test_what_was_found(capsys, picture, tmp_path):
     overlay = tmp_path / "check.png"
     out = success(capsys, "trace", picture, "--overlay", overlay)
     assert "6 tick marks on x and 8 on y" in out and "#1f77b4" in out and str(overlay) in out
-    assert Image.open(overlay).width > 1000
+    with Image.open(overlay) as image:
+        assert image.width > 1000
 
 
 def test_csv(capsys, picture, tmp_path):

@@ -431,6 +431,10 @@ def check_mutations(folder, count):
             outcomes.append(isinstance(trace_image(broken, **options), StepRecord))
         except (ValueError, TypeError, OSError) as error:
             assert str(error) and "\n" not in str(error)
+            place = error.__traceback__
+            while place.tb_next is not None:
+                place = place.tb_next
+            assert "stepax" in place.tb_frame.f_code.co_filename  # a sentence of its own
             outcomes.append(False)
         assert time.perf_counter() - start < 5
     return outcomes

@@ -72,12 +72,12 @@ def trace(covered: np.ndarray, fine: np.ndarray, error: float) -> Stroke | None:
     """
     runs = candidates(covered)
     column, place = cheapest(runs, stroke_width(runs))
-    if column.size < FEWEST:
-        return None
     share = np.ascontiguousarray(fine.T)
     top, bottom = (x[column, place].astype(int) for x in (runs.top, runs.bottom))
     total, row = _middles(share, column, top, bottom)
     way = _Column(column, top, bottom, total, row).kept(total > 0.5)
+    if way.column.size < FEWEST:
+        return None
     least, most = _slopes(way)
     thickness = way.total / np.sqrt(1 + least**2)
     # of level parts; markers are on less than a third of the columns, ends of dashes too
