@@ -191,6 +191,10 @@ WRONG = {
     "no grey": ({"color": "black"}, "no curve in black"),
     "no box": ({"box": (1, 2, 3)}, "four pixels"),
     "box outside": ({"box": (0, 0, 9000, 10)}, "must lie in the picture"),
+    "no time": (
+        {"x_range": (0, 10), "y_range": (20, 38), "step_time": "soon"},
+        "a number, or None",
+    ),
     "late step": ({"x_range": (0, 10), "y_range": (20, 38), "step_time": 30}, "give step_time"),
 }
 

@@ -172,7 +172,7 @@ def _rows_of_steep_parts(share: np.ndarray, way: _Column, width: float) -> np.nd
         beside = 1 + int(np.ceil(width))
         part = way.kept(np.arange(max(a - beside, 0), min(b + beside + 1, way.column.size)))
         # At the ends, where it bends, a row holds part of what comes before or after.
-        low, high = sorted((way.row[a], way.row[b]))
+        low, high = sorted((float(way.row[a]), float(way.row[b])))
         first, last = round(low + 0.75 * width), round(high - 0.75 * width)
         places, rows = _middles_of_rows(share, part, width, first, last)
         inside = np.arange(a, b + 1)

@@ -218,10 +218,7 @@ def record_of(
     t, values = x.value(stroke.column), y.value(stroke.row)
     weights = 1 / stroke.deviation**2
     weights = weights / np.median(weights)
-    if step_time is None:
-        column = found.step_column
-        step_time = _leaving(found, t, values) if column is None else x.value(column)
-    step_time = float(step_time)
+    step_time = _time_of_step(found, t, values, x, step_time)
     edge = 0.02 * abs(x.unit) * (found.box.right - found.box.left)
     if t[0] - edge <= step_time < t[0]:
         # the frame hides the beginning, and a record begins at its step or before
@@ -250,6 +247,21 @@ def record_of(
         details={name: jnp.asarray(value) for name, value in details.items()},
         weights=weights,
     )
+
+
+def _time_of_step(found: Finding, t: np.ndarray, y: np.ndarray, x: Axis, given: Any) -> float:
+    """The time that is given, that of a drawn step, or when the curve leaves its level."""
+    if given is None and found.step_column is not None:
+        return float(x.value(found.step_column))
+    if given is None:
+        return _leaving(found, t, y)
+    try:
+        time = float(given)
+    except (TypeError, ValueError):
+        time = float("nan")
+    if not np.isfinite(time):
+        raise ValueError(f"step_time must be a number, or None for the one found, got {given!r}.")
+    return time
 
 
 def _leaving(found: Finding, t: np.ndarray, y: np.ndarray) -> float:
