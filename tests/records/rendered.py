@@ -154,13 +154,14 @@ class Plot:
             for draw in self.beside:
                 draw(axes)
             canvas.draw()
+            options = {**self.calibration(axes), "color": self.color}
             image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
         window = axes.get_window_extent()
         edges = np.array([window.x0, image.height - window.y1, window.x1, image.height - window.y0])
         if self.grey:
             image = image.convert("L")
         image.save(path, **({"quality": self.quality} if self.kind in ("jpg", "webp") else {}))
-        return path, {**self.calibration(axes), "color": self.color}, edges - 0.5
+        return path, options, edges - 0.5
 
     def calibration(self, axes: Axes) -> dict[str, tuple[float, float]]:
         """By ticks or by the edges of the box."""

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from tests.records.rendered import FITS, PLOTS, Plot, lag
+from tests.records.rendered import FITS, PLOTS, Plot, lag, words
 
 import stepax
 from stepax import StepRecord, identify, trace_image
@@ -146,6 +146,64 @@ def test_heater(quick_compilation):
     for method in ("sani_fit", "hudzovic_fit"):
         result = identify(record, method)
         assert int(result.model.n) == 4 and float(result.rmse) <= 0.10
+
+
+# Other frames
+
+
+def grid_alone(axes):
+    axes.grid(True)
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0)
+
+
+def horizontal_lines(axes):
+    axes.set(xlim=(0, 10), ylim=(20, 40))
+    axes.grid(axis="y")
+    axes.spines[["left", "top", "right"]].set_visible(False)
+    axes.tick_params(length=0)
+
+
+def coloured_frame(axes):
+    axes.spines[:].set_color("tab:red")
+
+
+def from_the_corner(axes):
+    axes.set(xlim=(0, 10), ylim=(22, 38))
+
+
+def a_line_at_the_end(axes):
+    axes.axhline(37, color="0.4", linestyle="--")
+
+
+OTHERS = [
+    Plot("grid alone", lag, size=(6.4, 4.8), beside=(grid_alone,), ticks=False),
+    Plot("horizontal lines", lag, size=(6.4, 4.8), beside=(horizontal_lines,), ticks=False),
+    Plot("coloured frame", lag, size=(6.4, 4.8), beside=(coloured_frame,)),
+    Plot("from the corner", lag, size=(6.4, 4.8), beside=(from_the_corner,)),
+    Plot("a line at its end", lag, size=(6.4, 4.8), beside=(a_line_at_the_end,)),
+    Plot("classic", lag, size=(6.4, 4.8), style="classic"),
+    Plot("solarized", lag, size=(6.4, 4.8), style="Solarize_Light2"),
+    Plot("fivethirtyeight", lag, size=(6.4, 4.8), style="fivethirtyeight"),
+    Plot("not smoothed", lag, size=(6.4, 4.8), line={"antialiased": False}),
+    Plot("pale grey", lag, size=(6.4, 4.8), line={"color": "0.6"}, beside=(words,)),
+    Plot("yellow", lag, size=(6.4, 4.8), line={"color": "gold"}),
+]
+
+
+@pytest.mark.parametrize("size", [1.0, 0.73])
+@pytest.mark.parametrize("plot", OTHERS, ids=lambda plot: plot.name)
+def test_other_frames_and_screenshots(plot, size, tmp_path):
+    """Also made smaller, as a picture on a page is, which blurs every line."""
+    path, options, _ = plot.written(tmp_path)
+    with Image.open(path) as image:
+        smaller = image.resize((int(size * image.width), int(size * image.height)), 2)
+    smaller.save(path)
+    record = trace_image(path, **options)
+    t, y = np.asarray(record.t), np.asarray(record.y)
+    inside = (t >= 0) & (t <= 10)
+    error = (y - np.interp(t, *plot.data))[inside]
+    assert np.sqrt(np.mean(error**2)) < 0.006 * 16.5 and inside.sum() > 0.6 * 496 * size
 
 
 # Calibration

@@ -49,7 +49,7 @@ def find_box(pixels: np.ndarray) -> Box | None:
 
     Long straight edges in both directions are gathered by their extent: those of a frame, of a
     coloured ground and of a grid all end at the box. The box is the pair of extents that most
-    lines agree with, and of boxes within each other the inner one, unless it is a small part.
+    lines agree with.
     """
     height, width = pixels.shape[:2]
     planes = [np.ascontiguousarray(pixels[:, :, i]) for i in range(3)]
@@ -67,34 +67,48 @@ def find_box(pixels: np.ndarray) -> Box | None:
         corner = _near(rows, y[1], reach) and _near(columns, x[0], reach)
         if rows.size and columns.size and (corner or (rows.size > 4 and columns.size > 4)):
             area = (x[1] - x[0]) * (y[1] - y[0])
-            found.append((sides, area, x, y))
+            found.append((sides, rows.size + columns.size, area, x, y))
     if not found:
-        return None
-    most = max(sides for sides, *_ in found)
-    _, area, x, y = max(box for box in found if box[0] == most)
-    for _, other, inner_x, inner_y in sorted(box for box in found if box[0] == 4 == most):
-        within = x[0] < inner_x[0] and inner_x[1] < x[1] and y[0] < inner_y[0] and inner_y[1] < y[1]
-        if within and other > 0.3 * area:
-            _, x, y = other, inner_x, inner_y
-            break
+        return _between_lines(pixels, across, reach)
+    most, lines, largest = (max(box[i] for box in found) for i in range(3))
+    # A label beside a line makes it longer, and a picture may have a rim of its own: of boxes that
+    # are as well marked the smallest, unless it is a small part, as the frame of a legend.
+    good = [box for box in found if box[0] == most and box[1] >= 0.5 * lines]
+    good = [box for box in good if box[2] > 0.3 * largest] or found
+    *_, x, y = min(good, key=lambda box: box[2])
     return _refined(pixels, x, y, reach)
 
 
+def _between_lines(pixels: np.ndarray, across: _Lines, reach: float) -> Box | None:
+    """The box between the first and the last of at least three horizontal lines of one extent.
+
+    Spreadsheets draw no vertical ones.
+    """
+    for x in _extents(across, reach):
+        rows = _rows(across, x, (0, pixels.shape[0]), reach)
+        apart = rows[np.append(True, np.diff(np.sort(rows)) > reach)] if rows.size else rows
+        if apart.size >= 3:
+            box = _refined(pixels, x, (int(rows.min()), int(rows.max())), reach)
+            return box._replace(left=x[0] - 0.5, right=x[1] + 0.5)
+    return None
+
+
 def _lines(planes: list[np.ndarray]) -> _Lines:
-    """Edges between rows of red, green or blue; an edge belongs to the row below it."""
+    """Edges of red, green or blue: rows whose neighbours differ; a blurred one spreads over two."""
     width = planes[0].shape[1]
     change = np.zeros(planes[0].shape, bool)
     for plane in planes:  # of bytes, whose differences must not be negative
-        above, below = plane[:-1], plane[1:]
-        change[1:] |= np.maximum(above, below) - np.minimum(above, below) > EDGE
+        above, below = plane[:-2], plane[2:]
+        change[1:-1] |= np.maximum(above, below) - np.minimum(above, below) > EDGE
     row, start, end = runs_of(change)
     if not row.size:
         return _Lines(row, start, end)
     # Dashes and crossing lines leave gaps, no longer than the dashes; what is left must be more
     # line than gap, unlike text. A tick label is as near to the frame, but its strokes are shorter.
     length = end - start + 1
-    gap = np.maximum(3, np.minimum(length[1:], length[:-1]))
-    gap = np.minimum(gap, 3 + int(0.012 * width))
+    mark = 2 + 0.002 * width  # a tick mark or a line across
+    gap = np.maximum(mark, 0.6 * np.minimum(length[1:], length[:-1]))
+    gap = np.minimum(gap, mark + 0.012 * width)
     joins = np.append(False, (row[1:] == row[:-1]) & (start[1:] - end[:-1] <= gap + 1))
     first = np.flatnonzero(~joins)
     last = np.append(first[1:], row.size) - 1

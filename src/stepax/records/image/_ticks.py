@@ -60,7 +60,7 @@ def _along(
     below, above = int(np.ceil(edge + clear)), int(np.floor(edge - clear))
     first, last = max(int(left) - 2, 0), int(np.ceil(right)) + 3
     outside = pixels[below : below + 2 * most, first:last]
-    for hidden in (0, 1, 2):  # a frame in the colour of the paper may lie between
+    for hidden in (0,) if line else (0, 1, 2):  # a frame in the colour of the paper lies between
         marks = first + _majors(*_marks(outside[hidden:], 2, most))
         marks = marks[(marks >= left - UNEVEN) & (marks <= right + UNEVEN)]
         if marks.size >= 2:
@@ -104,8 +104,9 @@ def _majors(middle: np.ndarray, reach: np.ndarray) -> np.ndarray:
     """
     for longest in np.unique(reach)[::-1]:
         chosen = middle[(reach >= 0.8 * longest) | (reach >= longest - 1)]
-        if chosen.size >= 3 and _evenly(chosen) is not None:
-            return chosen
+        even = _without_stray(chosen)
+        if even is not None:
+            return even
     for longest in np.unique(reach)[::-1]:
         chosen = middle[reach >= 0.8 * longest]
         if chosen.size >= 2:
@@ -127,6 +128,19 @@ def _evenly(marks: np.ndarray) -> np.ndarray | None:
     slope, start = np.polyfit(place, marks, 1)
     even = start + slope * place
     return even if np.all(np.abs(even - marks) < UNEVEN) else None
+
+
+def _without_stray(marks: np.ndarray) -> np.ndarray | None:
+    """Evenly spaced marks; one of four or more may be something else, as where a curve begins."""
+    if marks.size < 3:
+        return None
+    if _evenly(marks) is not None:
+        return marks
+    for stray in range(marks.size if marks.size > 3 else 0):
+        rest = np.delete(marks, stray)
+        if _evenly(rest) is not None:
+            return rest
+    return None
 
 
 def _with_corners(marks: np.ndarray, left: float, right: float) -> np.ndarray:

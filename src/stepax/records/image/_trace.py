@@ -189,7 +189,23 @@ def _stroke(found: Finding, drawn: Drawing, ink: Ink) -> Stroke | None:
     if stroke is None:
         return None
     rows, columns = found.box.inside
-    return stroke._replace(column=stroke.column + columns.start, row=stroke.row + rows.start)
+    stroke = stroke._replace(column=stroke.column + columns.start, row=stroke.row + rows.start)
+    return _with_what_the_frame_hides(stroke, found.box)
+
+
+def _with_what_the_frame_hides(stroke: Stroke, box: Box) -> Stroke:
+    """A stroke that comes out of the lower or upper edge of the box ran along it before."""
+    hidden = np.arange(int(np.ceil(box.left)), stroke.column[0])
+    # what the frame cuts off of the first columns is left out, a column of a steep one
+    reach = box.line + stroke.width / 2 + 1.5 + 1.5 * abs(stroke.row[1] - stroke.row[0])
+    edges = [edge for edge in (box.bottom, box.top) if abs(stroke.row[0] - edge) < reach]
+    if hidden.size < 3 or not edges:
+        return stroke
+    return stroke._replace(
+        column=np.append(hidden, stroke.column),
+        row=np.append(np.full(hidden.size, edges[0]), stroke.row),
+        deviation=np.append(np.full(hidden.size, reach / 2), stroke.deviation),
+    )
 
 
 def calibrated(found: Finding, **given: Any) -> tuple[Axis, Axis]:
