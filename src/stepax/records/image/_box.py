@@ -95,11 +95,20 @@ def _between_lines(pixels: np.ndarray, across: _Lines, reach: float) -> Box | No
 
 def _lines(planes: list[np.ndarray]) -> _Lines:
     """Edges of red, green or blue: rows whose neighbours differ; a blurred one spreads over two."""
-    width = planes[0].shape[1]
-    change = np.zeros(planes[0].shape, bool)
+    rises, falls = (np.zeros(planes[0].shape, bool) for _ in range(2))
     for plane in planes:  # of bytes, whose differences must not be negative
         above, below = plane[:-2], plane[2:]
-        change[1:-1] |= np.maximum(above, below) - np.minimum(above, below) > EDGE
+        larger = np.maximum(above, below)
+        rises[1:-1] |= larger - above > EDGE
+        falls[1:-1] |= larger - below > EDGE
+    # The edge of a line goes one way, noise goes both.
+    found = [_joined(one & ~other) for one, other in ((rises, falls), (falls, rises))]
+    return _Lines(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+def _joined(change: np.ndarray) -> _Lines:
+    """Long runs of changes in a row, over short gaps."""
+    width = change.shape[1]
     row, start, end = runs_of(change)
     if not row.size:
         return _Lines(row, start, end)
