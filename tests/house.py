@@ -34,6 +34,7 @@ ROOMS = (
     "study",
     "layer",
     "report",
+    "_cli_record",
     "_cli",
     "app",
 )

@@ -15,7 +15,8 @@ import pytest
 
 import stepax
 from stepax import FOPDT, PTn, Status
-from stepax._cli import EXAMPLES, run, set_up_jax
+from stepax._cli import run, set_up_jax
+from stepax._cli_record import EXAMPLES
 from stepax._compare import Comparison, Row
 from stepax._result import conclude
 from stepax._status import status_name

@@ -12,6 +12,7 @@ SCRIPTS = (
     "figure_9",
     "failures",
     "single_records",
+    "figure_picture",
     "figures_13_14",
     "table_resolution",
     "figure_10",

@@ -37,6 +37,7 @@ from .records._preprocess import (
 )
 from .records._read import read_record as read_record
 from .records._record import StepRecord as StepRecord, stack_records as stack_records
+from .records.image._trace import trace_image as trace_image
 
 
 __version__ = _version("stepax")

@@ -1,4 +1,4 @@
-"""The command line: `stepax identify`, `compare`, `methods`, `lookup`.
+"""The command line: `stepax identify`, `compare`, `trace`, `methods`, `lookup`.
 
 Heavy imports stand inside the functions that need them, so that `stepax --help` is quick. Bad
 input ends with code 2 and one paragraph on stderr; no file is written then.
@@ -10,13 +10,14 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
+from ._cli_record import SIMULATED, read, read_file, trace as trace_picture, with_picture_options
 from .report._files import Outputs
 
 
@@ -52,9 +53,6 @@ def _options(
 
 ClickException: type[Exception] = typer.BadParameter.__mro__[2]
 """Wrong usage; newer versions of typer bring their own click, older ones import it."""
-
-EXAMPLES = {"heater": "heater.csv"}
-SIMULATED = "This record is simulated: it comes with stepax as an example and was not measured."
 
 File = Annotated[Path | None, typer.Argument(help="CSV, text table or MAT file.")]
 Files = Annotated[
@@ -154,34 +152,6 @@ def set_up_jax() -> None:
             jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 
 
-# The record
-
-
-@contextlib.contextmanager
-def _record_file(file: Path | None, example: str | None) -> Iterator[Path]:
-    """The record to read: a file, or one of the package."""
-    if (file is None) == (example is None):
-        raise ValueError("Give a FILE or --example NAME" + (", not both." if file else "."))
-    if file is not None:
-        yield file
-        return
-    if example not in EXAMPLES:
-        known = ", ".join(EXAMPLES)
-        raise KeyError(f"There is no example {example!r}; the known ones are: {known}.")
-    from importlib.resources import as_file, files
-
-    with as_file(files("stepax") / "examples" / EXAMPLES[example]) as path:
-        yield path
-
-
-def _read(file: Path | None, example: str | None, **columns) -> "StepRecord":
-    """The record of a file or an example."""
-    from .records._read import read_record
-
-    with _record_file(file, example) as path:
-        return read_record(path, **columns)
-
-
 # Terminal
 
 
@@ -220,6 +190,7 @@ def _heading(record: "StepRecord", example: str | None) -> str:
 
 
 @_command
+@with_picture_options
 def identify(
     files: Files = None,
     time: Time = None,
@@ -231,23 +202,25 @@ def identify(
     json: Json = None,
     csv: Annotated[Path | None, typer.Option(help="Several files: write the table as CSV.")] = None,
     example: Example = None,
+    **picture: Any,
 ) -> None:
     """Identify a transfer function from a recorded step response, or one from each of several."""
     columns = {"time": time, "output": output, "input": input, "step": step}
     if files is not None and (len(files) > 1 or files[0].is_dir()):
         if json or example:
             raise ValueError("Several files give a table: --csv OUT.csv, and --plot FOLDER.")
-        _identify_files(files, columns, method, plot, csv)
+        _identify_files(files, columns, picture, method, plot, csv)
     elif csv is not None:
         raise ValueError("--csv is for several files; of one --json has all numbers.")
     else:
-        _identify_file(files[0] if files else None, example, columns, method, plot, json)
+        _identify_file(files[0] if files else None, example, columns, picture, method, plot, json)
 
 
 def _identify_file(
     file: Path | None,
     example: str | None,
     columns: dict[str, Any],
+    picture: dict[str, Any],
     method: str,
     plot: Path | None,
     json: Path | None,
@@ -260,7 +233,7 @@ def _identify_file(
 
     outputs = Outputs(plot, json)
     outputs.check(file)
-    record = _read(file, example, **columns)
+    record = read(file, example, columns, picture)
     with waiting(f"Identifying {record.labels.source} ..."):
         result = identify_record(record, method)
         if bool(refused(result.status)):
@@ -275,13 +248,13 @@ def _identify_file(
 def _identify_files(
     files: list[Path],
     columns: dict[str, Any],
+    picture: dict[str, Any],
     method: str,
     plots: Path | None,
     csv: Path | None,
 ) -> None:
     """Several files, or the CSV files of folders: a row each, and if wished a picture each."""
     from ._identify_each import Identifications, each_of
-    from .records._read import read_record
     from .report._content import table_of_files
     from .report._files import check_folder, check_table, write_pictures, write_table
     from .report._terminal import table
@@ -291,7 +264,7 @@ def _identify_files(
         raise FileNotFoundError(f"There are no CSV files in {', '.join(map(str, files))}.")
     check_folder(plots)
     check_table(csv, paths)
-    readers = [(str(path), functools.partial(read_record, path, **columns)) for path in paths]
+    readers = [(str(path), functools.partial(read_file, path, columns, picture)) for path in paths]
     shown = sys.stderr.isatty()
     found = Identifications(each_of(readers, method, shown))
     if not any(outcome.has_model for outcome in found.outcomes):
@@ -302,6 +275,7 @@ def _identify_files(
 
 
 @_command
+@with_picture_options
 def compare(
     file: File = None,
     time: Time = None,
@@ -313,6 +287,7 @@ def compare(
     plot: Plot = None,
     json: Json = None,
     example: Example = None,
+    **picture: Any,
 ) -> None:
     """Identify by all methods and rank the models."""
     from ._compare import check_group, check_kind, compare as compare_methods
@@ -324,7 +299,8 @@ def compare(
     check_kind(kind)
     outputs = Outputs(plot, json)
     outputs.check(file)
-    record = _read(file, example, time=time, output=output, input=input, step=step)
+    columns = {"time": time, "output": output, "input": input, "step": step}
+    record = read(file, example, columns, picture)
     with waiting(f"Comparing methods on {record.labels.source} ..."):
         comparison = compare_methods(record)
         kept = comparison.models(group)
@@ -340,6 +316,14 @@ def compare(
         )
     notes = [f"Note: {text}" for text in notes_of(kept[0].result, step)]
     _show(_heading(record, example), comparison_report(comparison, group), *notes, written=written)
+
+
+@_command
+@with_picture_options
+@functools.wraps(trace_picture)
+def trace(*args: Any, **kwargs: Any) -> None:
+    lines, written = trace_picture(*args, **kwargs)
+    _show(*lines, written=written)
 
 
 @_command

@@ -12,6 +12,7 @@ from ._arrays import Count, Scalar
 from ._compilation import compiled, is_traced, quick_compilation, rung, side_by_side
 from ._result import Identification
 from ._status import refused
+from .fitting._certainty import with_record
 from .fitting._fitted import Fitted, aicc
 from .fitting._refine import concluded
 from .methods import METHODS
@@ -72,7 +73,7 @@ def identify_filled(
         run = _identify_auto if method == "auto" else METHODS[method]
         with quick_compilation():
             result = run(filled, **options)
-    return dataclasses.replace(result, record=record, details=result.details | record.details)
+    return with_record(result, record)
 
 
 def check_length(record: StepRecord, options: dict[str, Any]) -> None:

@@ -18,6 +18,11 @@ DETAILS = {
     # of the record
     "assumed_step": "the input was constant from its first row and taken as a step from 0 there",
     "steps_found": "number of steps in the input, 0 without an input column",
+    # of a record from a picture: standard deviations that all rows share
+    "stroke": "of a level row, in output units, the place of the axes included",
+    "stroke_time": "of the place of the axis of time, in units of time",
+    "scale_output": "of the scale of the output, relative",
+    "scale_time": "of the scale of time, relative",
     # what point methods read, times from the step; levels in percent as t33, t35_3
     "t<level>": "time at which the response reaches a level",
     "Tu": "time from the step to where the tangent leaves the initial level",

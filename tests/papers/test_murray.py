@@ -6,10 +6,11 @@ Numbers: stored results and figures of Murray (2016), as read from his files.
 import jax
 import numpy as np
 import pytest
-from experiments.murray import legacy
+from experiments.murray import figure_picture, legacy
 from experiments.murray.drawing import rms
 from experiments.murray.plants import PT4_LAGS, padded, random_lags, record_times
 from experiments.numpy_responses import chain_lags, chain_response, hudzovic_response
+from matplotlib.image import imread
 
 from stepax import METHODS, Hudzovic, Sani, StepRecord, refused, smooth
 
@@ -183,3 +184,26 @@ def test_author_code_gets_worse_with_order_by_its_bisection(plants):
     assert by_order[-1] == pytest.approx(0.02155, rel=0.1)
     stuck = np.mean([model.r > 0.7499 for model in found[-2 * PLANTS :]])
     assert stuck > 0.95
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not figure_picture.PICTURE.exists(), reason="the picture is not here")
+def test_the_author_reads_his_picture():
+    """Against his own code, run in Octave: 288 points, and what each method made of them."""
+    picture = np.rint(255 * imread(figure_picture.PICTURE)[..., :3]).astype(int)
+    t, y = figure_picture.by_the_author(picture)
+    assert t.size == 288
+    models = figure_picture.author_models(t, y)
+    octave = {
+        "hudzovic_tu_tg": (5, 0.1990, 0.270, 0.193),
+        "hudzovic_t10_t50_t90": (4, 0.2015, 0.478, 0.185),
+        "sani_tu_tg": (5, 0.6525, 1.194, 0.192),
+        "sani_interpolation": (4, 0.7335, 1.182, 0.272),
+        "sani_fit": (4, 0.7272, 1.149, 0.154),
+    }
+    for method, (n, r, T, deviation) in octave.items():
+        model = models[method]
+        assert model.n == n and model.r == pytest.approx(r, abs=2e-4)
+        assert model.T == pytest.approx(T, abs=1e-3)
+        error = rms(15 * (model.response(10 * t) - y))
+        assert error == pytest.approx(deviation, abs=1e-3)

@@ -14,7 +14,7 @@ from .._result import Identification
 from .._status import Status, first_problem, refused
 from ..models._abstract import COMMON, ScalarParameter
 from ..records._preprocess import quantisation
-from ..records._record import predict
+from ..records._record import StepRecord, predict
 from ._fitted import Fitted
 from ._problem import Problem
 from ._solver import derivatives
@@ -75,6 +75,51 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
         covariance=covariance,
         details=details | {"effective_parameters": found.effective},
     )
+
+
+def with_record(result: Identification, record: StepRecord) -> Identification:
+    r"""A result with the record it was made from, whose names and details come along.
+
+    **Axes.** A record from a picture says how certain its axes are (`scale_output`, `scale_time`,
+    `stroke`, `stroke_time`; see `trace_image`), which no residual shows: the errors are the same in
+    all rows. A parameter changes by itself times the relative change of its unit, a dead time also
+    by the shift of time, an offset by that of the output: with deviation $s$ of each of these four
+    causes and the parameters' sensitivity $v$ to it, $s^2 v v^\top$ is added to the covariance.
+    """
+    details = result.details | record.details
+    result = dataclasses.replace(result, record=record, details=details)
+    if "scale_time" not in record.details or not result.free:
+        return result
+    model = result.model
+    free = [scalar for scalar in model.scalars if scalar.label in result.free]
+    causes = jnp.stack([_through_the_axes(model, scalar, details) for scalar in free])
+    covariance = result.covariance + causes @ causes.T
+    std = dict(result.std)
+    for scalar, error in zip(free, safe_sqrt(jnp.diagonal(covariance)), strict=True):
+        row = std[scalar.name]
+        std[scalar.name] = error if scalar.place is None else row.at[scalar.place].set(error)
+    return dataclasses.replace(result, covariance=covariance, std=std)
+
+
+def _through_the_axes(model, scalar: ScalarParameter, details: dict[str, Array]) -> Array:
+    """Deviations of a parameter by the scales and places of both axes."""
+    value = _value(model, scalar)
+    time, output = value * details["scale_time"], value * details["scale_output"]
+    zero = jnp.zeros_like(time)
+    scales = {
+        "time": (time, zero),
+        "per time": (-time, zero),
+        "output": (zero, zero),
+        "output/input": (zero, output),
+        "output/(input time)": (-time, output),
+        "1": (zero, zero),
+    }[model.dimension(scalar.name)]
+    places = {"delay": ("stroke_time", 2), "offset": ("stroke", 3)}
+    row = jnp.stack([*scales, zero, zero])
+    if scalar.name in places:
+        detail, cause = places[scalar.name]
+        row = row.at[cause].set(details[detail])
+    return row
 
 
 def _residual(fitted: Fitted, model) -> tuple[Samples, Samples]:

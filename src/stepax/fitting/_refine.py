@@ -1,6 +1,5 @@
 """Least-squares refinement of any model to a record."""
 
-import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -16,7 +15,7 @@ from .._status import first_problem, refused
 from ..models._abstract import AbstractPlant
 from ..models._spread import DEFAULT_ORDERS, check_orders
 from ..records._record import StepRecord
-from ._certainty import with_errors
+from ._certainty import with_errors, with_record
 from ._families import family_of
 from ._fitted import LOSSES, MAX_STEPS, Fitted, best_order, fit
 
@@ -118,7 +117,7 @@ def concluded(fitted: Fitted, record: StepRecord, errors: bool = True) -> Identi
     result = conclude(problem.record, model, status, response=g, free=free, details=details)
     if errors:
         result = with_errors(fitted, result)
-    return dataclasses.replace(result, record=record, details=result.details | record.details)
+    return with_record(result, record)
 
 
 def check_options(model: AbstractPlant, fixed: Sequence[str], order: str | None, loss: str) -> None:

@@ -65,8 +65,8 @@ def frame_table(frame: "pd.DataFrame") -> Table:
     return Table("", names, columns, "row", range(1, len(frame) + 1))
 
 
-def file_table(path: Path) -> Table:
-    """Columns of a file, whose kind its content tells."""
+def file_content(path: Path) -> bytes:
+    """Bytes of a file that is not empty."""
     try:
         content = path.read_bytes()
     except FileNotFoundError:
@@ -75,6 +75,12 @@ def file_table(path: Path) -> Table:
         raise OSError(f"{path} cannot be read: {error.strerror}.") from None
     if not content.strip():
         raise ValueError(f"{path.name} is empty.")
+    return content
+
+
+def file_table(path: Path) -> Table:
+    """Columns of a file, whose kind its content tells."""
+    content = file_content(path)
     if path.suffix.lower() == ".mat" or content.startswith(b"MATLAB"):
         return _mat_table(path)
     return _text_table(path.name, content)

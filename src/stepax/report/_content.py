@@ -78,6 +78,17 @@ def record_line(record: StepRecord) -> str:
     return f"{record.labels.source}: {rows} rows, step of {size} at t = {time}"
 
 
+def picture_lines(record: StepRecord) -> list[str]:
+    """What was read off a picture, and how well."""
+    t, y = (np.asarray(x) for x in (record.t, record.y))
+    stroke, place = (float(record.details[name]) for name in ("stroke", "stroke_time"))
+    return [
+        record_line(record),
+        f"time {t[0]:.6g} to {t[-1]:.6g}, output {y.min():.6g} to {y.max():.6g}; standard deviation"
+        f" of a level row {number(stroke, 2)}, of the axis of time {number(place, 2)}",
+    ]
+
+
 def content(result: Identification, method: str, step: int | None = None) -> Content:
     """What an identification says: transfer function, parameters, quality, and what to mind.
 

@@ -50,8 +50,7 @@ class Outputs(NamedTuple):
         if self.json is not None:
             text = json.dumps(data(), indent=2, ensure_ascii=False, allow_nan=False)
             contents[self.json] = (text + "\n").encode()
-        _replace(contents)
-        return list(contents)
+        return write_files(contents)
 
 
 def _picture(figure, kind: str) -> bytes:
@@ -60,8 +59,8 @@ def _picture(figure, kind: str) -> bytes:
     return buffer.getvalue()
 
 
-def _replace(contents: dict[Path, bytes]) -> None:
-    """Write files by way of temporary ones beside them."""
+def write_files(contents: dict[Path, bytes]) -> list[Path]:
+    """Write files by way of temporary ones beside them: all, or in case of an error none."""
     temporary: dict[Path, Path] = {}
     try:
         for path, content in contents.items():
@@ -73,6 +72,15 @@ def _replace(contents: dict[Path, bytes]) -> None:
     finally:
         for written in temporary.values():
             written.unlink(missing_ok=True)
+    return list(contents)
+
+
+def check_kind_of(path: Path | None, suffix: str) -> None:
+    """Refuse a file with another ending than the kind that is written."""
+    if path is not None and path.suffix.lower() != suffix:
+        raise ValueError(
+            f"{path} is written as {suffix[1:].upper()}: let its name end in {suffix}."
+        )
 
 
 # Of several files
@@ -117,7 +125,7 @@ def write_pictures(outcomes: "Sequence[Outcome]", folder: Path | None) -> list[P
         while path in written or (number > 1 and path.stem in names):
             number += 1
             path = folder / f"{name}_{number}.png"
-        _replace({path: _picture(file.result.plot(), "png")})
+        write_files({path: _picture(file.result.plot(), "png")})
         written.append(path)
     return written
 
@@ -126,5 +134,4 @@ def write_table(found: "Identifications", path: Path | None) -> list[Path]:
     """The table of all files as CSV."""
     if path is None:
         return []
-    _replace({path: found.to_frame().to_csv(index=False).encode()})
-    return [path]
+    return write_files({path: found.to_frame().to_csv(index=False).encode()})

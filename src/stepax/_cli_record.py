@@ -1,0 +1,166 @@
+"""The record of a command: a table, a picture or an example; options of pictures; `trace`."""
+
+import contextlib
+import inspect
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+
+if TYPE_CHECKING:
+    from .records._record import StepRecord
+    from .records.image._trace import Finding
+
+EXAMPLES = {"heater": "heater.csv"}
+SIMULATED = "This record is simulated: it comes with stepax as an example and was not measured."
+
+PANEL = "Pictures of a plot"
+
+Pair = tuple[float, float] | None
+Edges = tuple[float, float, float, float] | None
+
+
+def _option(kind: Any, text: str) -> Any:
+    """An option of pictures: its type and its help."""
+    return Annotated[kind, typer.Option(help=text, rich_help_panel=PANEL)]
+
+
+OPTIONS: dict[str, Any] = {
+    "x_range": _option(Pair, "Values at the left and right edge of the axes."),
+    "y_range": _option(Pair, "Values at the lower and upper edge."),
+    "x_ticks": _option(Pair, "Values of the first and last tick mark on x."),
+    "y_ticks": _option(Pair, "Values of the first and last tick mark on y."),
+    "point": _option(list[str] | None, "A known point, PX,PY=X,Y in pixels and values; repeat it."),
+    "color": _option(str | None, "Colour of the curve, #rrggbb or a name."),
+    "box": _option(Edges, "Left, top, right, bottom edge of the axes in pixels."),
+    "step_time": _option(str | None, "Time of the step, or auto. Default: 0."),
+    "step_size": _option(float | None, "Size of the step. Default: 1."),
+}
+"""Options of pictures by the name of their argument."""
+
+
+def with_picture_options(function: Callable) -> Callable:
+    """A command whose `**picture` stands for the options of pictures; None where not given."""
+    signature = inspect.signature(function)
+    kept = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+    kind = inspect.Parameter.KEYWORD_ONLY
+    more = [
+        inspect.Parameter(name, kind, default=None, annotation=option)
+        for name, option in OPTIONS.items()
+    ]
+    function.__signature__ = signature.replace(parameters=[*kept, *more])  # type: ignore[attr-defined]
+    own = {name: x for name, x in function.__annotations__.items() if name != "picture"}
+    function.__annotations__ = own | OPTIONS
+    return function
+
+
+@contextlib.contextmanager
+def _record_file(file: Path | None, example: str | None) -> Iterator[Path]:
+    """The record to read: a file, or one of the package."""
+    if (file is None) == (example is None):
+        raise ValueError("Give a FILE or --example NAME" + (", not both." if file else "."))
+    if file is not None:
+        yield file
+        return
+    if example not in EXAMPLES:
+        known = ", ".join(EXAMPLES)
+        raise KeyError(f"There is no example {example!r}; the known ones are: {known}.")
+    from importlib.resources import as_file, files
+
+    with as_file(files("stepax") / "examples" / EXAMPLES[example]) as path:
+        yield path
+
+
+def read(
+    file: Path | None, example: str | None, columns: dict[str, Any], picture: dict[str, Any]
+) -> "StepRecord":
+    """The record of a file or an example."""
+    with _record_file(file, example) as path:
+        return read_file(path, columns, picture)
+
+
+def read_file(path: Path, columns: dict[str, Any], picture: dict[str, Any]) -> "StepRecord":
+    """The record of a table or of a picture."""
+    from .records.image._picture import SUFFIXES
+
+    if path.suffix.lower() in SUFFIXES:
+        given = [name for name, value in columns.items() if value is not None]
+        if given:
+            raise ValueError(f"{path.name} is a picture, without columns: leave out --{given[0]}.")
+        return _traced(path, picture)[1]
+    asked = [name.replace("_", "-") for name, value in picture.items() if value is not None]
+    if asked:
+        raise ValueError(f"{path.name} is no picture: --{asked[0]} is for pictures of a plot.")
+    from .records._read import read_record
+
+    return read_record(path, **columns)
+
+
+def _traced(path: Path, picture: dict[str, Any]) -> tuple["Finding", "StepRecord"]:
+    """What a picture shows, and its record."""
+    from .records.image._trace import calibrated, read_picture, record_of
+
+    found = read_picture(path, picture["color"], picture["box"])
+    points = [_point(text) for text in picture["point"] or []]
+    kinds = ("x_range", "y_range", "x_ticks", "y_ticks")
+    axes = calibrated(found, points=points or None, **{kind: picture[kind] for kind in kinds})
+    size = picture["step_size"]
+    return found, record_of(
+        found, axes, _step_time(picture["step_time"]), 1.0 if size is None else size
+    )
+
+
+def _step_time(text: str | None) -> float | None:
+    """A time, or None for the one that is found."""
+    if text is None:
+        return 0.0
+    if text.strip().lower() == "auto":
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"--step-time must be a number or auto, got {text!r}.") from None
+
+
+def _point(text: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """A known point, "px,py=x,y"."""
+    try:
+        pixel, value = (tuple(float(x) for x in part.split(",")) for part in text.split("="))
+    except ValueError:
+        raise ValueError(f"--point must be PX,PY=X,Y, got {text!r}.") from None
+    return pixel, value
+
+
+def trace(
+    file: Annotated[Path, typer.Argument(help="PNG, JPEG, WebP or GIF picture of a plot.")],
+    csv: Annotated[Path | None, typer.Option(help="Write time and output as CSV.")] = None,
+    overlay: Annotated[
+        Path | None, typer.Option(help="Write the picture with what was read, as PNG.")
+    ] = None,
+    **picture: Any,
+) -> tuple[list[str], list[Path]]:
+    """Read the curve in a picture of a plot; without ranges or ticks, say what was found."""
+    from .records.image._overlay import overlay_bytes
+    from .records.image._trace import read_picture
+    from .report._content import picture_lines
+    from .report._files import check_kind_of, check_table, write_files
+
+    for path in (csv, overlay):
+        check_table(path, [file])
+    check_kind_of(overlay, ".png")
+    kinds = ("x_range", "y_range", "x_ticks", "y_ticks", "point")
+    if csv is None and all(picture[kind] is None for kind in kinds):
+        found = read_picture(file, picture["color"], picture["box"])
+        lines, record = [found.sentence], None
+    else:
+        found, record = _traced(file, picture)
+        lines = [found.sentence, *picture_lines(record)]
+    contents: dict[Path, bytes] = {}
+    if csv is not None and record is not None:
+        rows = "".join(f"{t:.8g},{y:.8g}\n" for t, y in zip(record.t, record.y, strict=True))
+        contents[csv] = f"time,output\n{rows}".encode()
+    if overlay is not None:
+        contents[overlay] = overlay_bytes(found)
+    return lines, write_files(contents)
