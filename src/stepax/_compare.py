@@ -157,7 +157,9 @@ def _results(record: StepRecord, names: Sequence[str]) -> dict[str, Identificati
     def read() -> dict[str, Identification]:
         found = read_by_all(filled_record(record), together) if together else []
         return {
-            name: dataclasses.replace(x, record=record, details=x.details | record.details)
+            name: dataclasses.replace(
+                x, record=record, details=x.details | record.details, method=name
+            )
             for name, x in zip(together, found, strict=True)
         }
 

@@ -8,8 +8,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from ._arrays import Count, Scalar
+from ._arrays import Count, Samples, Scalar
 from ._compilation import compiled, is_traced, quick_compilation, rung, side_by_side
+from ._notes import POOR_FIT
 from ._result import Identification
 from ._status import refused
 from .fitting._fitted import Fitted, aicc
@@ -18,7 +19,8 @@ from .methods import METHODS
 from .methods._fits import AUTO, CHAINS, WITH_REASON, FitOptions
 from .methods._method import option_names, prepared
 from .models._abstract import AbstractPlant
-from .records._preprocess import window_of
+from .records._glitches import MOST, are_glitches, has_spikes, outliers
+from .records._preprocess import quantisation, window_of
 from .records._record import StepRecord, compact, padded_record, predict, with_weights
 from .records._signs import Signs, signs
 
@@ -38,8 +40,10 @@ def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identi
         order with a zero is tried too where the output first moves the wrong way or overshoots
         without oscillation, an integrator where it ends as a ramp; the former is kept if its AICc
         is better by more than 10, the latter also if it is as good as that of a model whose gain
-        would be extrapolated to more than twice what was seen. `.details` holds `aicc_<method>` of
-        each that was tried, the signs in the record, and `chosen` (`chosen_method`).
+        would be extrapolated to more than twice what was seen. Where rows stand out as glitches
+        do, or the fit is poor, Huber's loss is tried and kept if it explains the other rows clearly
+        better (`glitches` in `.details`), unless `loss` is given. `.details` holds `aicc_<method>`
+        of each that was tried, the signs in the record, and `chosen` (`chosen_method`).
     - `options`: passed to the method; see its docstring. "auto" takes those of `refine`, and
         `orders` for the chains.
 
@@ -131,11 +135,60 @@ def _identify_auto(
             fits[name] = _searched(search, record, options)
             scores[name] = float(fits[name].score)
     chosen = _kept(record, fits[best], scores, best)
-    result = _concluded(fits[chosen], record, errors)
+    result, residual = _concluded(fits[chosen], record, errors)
+    result = dataclasses.replace(result, method=chosen)
+    if "loss" not in options:
+        poor = not float(result.fit_percent) > POOR_FIT
+        fit, rows = fits[chosen], np.asarray(residual)[np.asarray(fits[chosen].problem.counted)]
+        if poor or has_spikes(rows):
+            kept = _without_glitches(record, fit, rows, asked, float(result.fit_percent))
+            if kept is not None:
+                chosen, scores, fit, glitches = kept
+                result, _ = _concluded(fit, record, errors)
+                facts = {"glitches": jnp.asarray(glitches)}
+                result = dataclasses.replace(result, method=chosen, details=result.details | facts)
     details = {f"aicc_{name}": np.asarray(score) for name, score in scores.items()}
     details |= seen._asdict() | {"chosen": np.asarray(_CANDIDATES.index(chosen))}
     details = {name: jnp.asarray(x) for name, x in details.items()}
     return dataclasses.replace(result, details=result.details | details)
+
+
+def _without_glitches(
+    record: StepRecord,
+    squares: Fitted,
+    residual: np.ndarray,
+    asked: dict[str, dict[str, Any]],
+    fit_percent: float,
+) -> tuple[str, dict[str, float], Fitted, int] | None:
+    """Families fitted with Huber's loss, where that explains the bulk of the rows better.
+
+    The name of the best, AICc of each over the rows that do not stand out, the fit, and how many
+    rows do; None where the fit by squares is kept. `residual`: its rows, over the range.
+    """
+    tasks = [partial(_robust, AUTO[name], record, asked[name] | {"loss": "huber"}) for name in AUTO]
+    tried = dict(zip(AUTO, side_by_side(tasks), strict=True))
+    counted = np.asarray(squares.problem.counted)
+    rows = {name: np.asarray(away)[counted] for name, (_, away) in tried.items()}
+    fits = {name: fit for name, (fit, _) in tried.items() if not bool(refused(fit.status))}
+    if not fits:
+        return None
+    unit = float(squares.problem.range)
+    noise = {name: float(fit.noise_level) / unit for name, fit in fits.items()}
+    sharpest = min(noise, key=noise.__getitem__)
+    quantum = float(quantisation(np.asarray(record.y)[counted])) / unit
+    out = outliers(rows[sharpest], noise[sharpest], quantum)
+    bulk = ~out
+
+    def score(away: np.ndarray, parameters: Count) -> float:
+        return float(aicc(np.sum(away[bulk] ** 2), int(bulk.sum()), int(parameters)))
+
+    scores = {name: score(rows[name], fit.parameters) for name, fit in fits.items()}
+    best = min(scores, key=scores.__getitem__)
+    better = score(residual, squares.parameters) - scores[best] > CLEARLY_BETTER
+    poor = not fit_percent > POOR_FIT and 0 < out.mean() <= MOST
+    if better and (poor or are_glitches(out)):
+        return best, scores, fits[best], int(out.sum())
+    return None
 
 
 _CANDIDATES = (*AUTO, *WITH_REASON)
@@ -168,8 +221,16 @@ _searched, _searched_long = compiled(_search), compiled(_search, effort=1)
 
 
 @compiled
-def _concluded(fitted: Fitted, record: StepRecord, errors: bool) -> Identification:
-    return concluded(fitted, record, errors)
+def _robust(search: Callable[..., Fitted], record: StepRecord, options) -> tuple[Fitted, Samples]:
+    fitted = search(record, **options)
+    return fitted, fitted.problem.errors(fitted.x)
+
+
+@compiled
+def _concluded(fitted: Fitted, record: StepRecord, errors: bool) -> tuple[Identification, Samples]:
+    """The result, and the residuals over the range, which cost nothing here."""
+    _, g = fitted.problem.plant(fitted.x)
+    return concluded(fitted, record, errors), fitted.problem.errors(fitted.x, g)
 
 
 @compiled

@@ -20,8 +20,24 @@ from ._problem import Problem
 from ._solver import derivatives
 
 
-NORMAL_95 = 1.96
-"""Half width of a 95 % interval over the standard error."""
+def student_95(freedom: Scalar) -> Scalar:
+    """Half width of a 95 % interval over the standard error: Student's t, two-sided.
+
+    Its expansion around the normal distribution (Abramowitz and Stegun 26.7.5), to 0.2 % for 3
+    degrees of freedom and more: the verdict is traced with every fit, and there is no closed
+    quantile in JAX; to invert `betainc` by iteration would take longer to compile than all else
+    here. On the host intervals have the exact one.
+    """
+    z = 1.959964
+    terms = (
+        z,
+        (z**3 + z) / 4,
+        (5 * z**5 + 16 * z**3 + 3 * z) / 96,
+        (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / 384,
+        (79 * z**9 + 776 * z**7 + 1482 * z**5 - 1920 * z**3 - 945 * z) / 92160,
+    )
+    inverse = 1 / jnp.maximum(freedom, 1)
+    return sum(term * inverse**k for k, term in enumerate(terms))  # pyright: ignore[reportReturnType]
 
 
 def with_errors(fitted: Fitted, result: Identification) -> Identification:
@@ -63,7 +79,10 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
     found = _covariance(problem, model, values, root, residual, phi, result.details["at_bound"])
     covariance = nan_where(refused(result.status), found.matrix)
     errors = safe_sqrt(jnp.diagonal(covariance))
-    vague = found.lost | _vague(problem, free, values, errors, refused(result.status))
+    # Of correlated residuals N (1 - phi^2)/(1 + phi^2) rows tell their size (Bartlett 1946).
+    freedom = jnp.maximum(jnp.sum(root > 0) - found.effective, 1) * (1 - phi**2) / (1 + phi**2)
+    halves = student_95(freedom) * errors
+    vague = found.lost | _vague(problem, free, values, halves, refused(result.status))
     vague = ~(found.at_bound | found.absent) & vague
     verdict = Status.where(jnp.any(vague), Status.not_identifiable, Status.successful)
     bounded = found.at_bound & np.array([s.name not in COMMON for s in free])
@@ -73,7 +92,7 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
         status=first_problem(verdict, result.status),
         std=_by_name(problem, model, free, errors),
         covariance=covariance,
-        details=details | {"effective_parameters": found.effective},
+        details=details | {"effective_parameters": found.effective, "degrees_of_freedom": freedom},
     )
 
 
@@ -158,14 +177,17 @@ def _frozen(in_a_row: np.ndarray, values: Array, at_bound: Array) -> Array:
     return at_bound & ~leads
 
 
-def _vague(problem: Problem, free, values: Array, errors: Array, refusal) -> Array:
-    """Parameters whose 95 % interval says next to nothing; an offset or dead time may be 0."""
+def _vague(problem: Problem, free, values: Array, halves: Array, refusal) -> Array:
+    """Parameters whose 95 % interval says next to nothing; an offset or dead time may be 0.
+
+    `halves`: half widths of the intervals.
+    """
     limits = [
         jnp.inf if s.name in ("delay", "offset") else problem.family.vague_beyond(s.name, value)
         for s, value in zip(free, values, strict=True)
     ]
     limits = jnp.stack([jnp.asarray(limit, values.dtype) for limit in limits])
-    return ~(NORMAL_95 * errors < limits) & ~refusal
+    return ~(halves < limits) & ~refusal
 
 
 def _by_name(problem: Problem, model, free, errors: Array) -> dict[str, Array]:

@@ -18,7 +18,7 @@ from ._labels import Labels
 from ._record import MIN_SAMPLES, StepRecord
 from ._rest import rest_before
 from ._rows import Rows, rows_between, rows_of
-from ._steps import choice, constant_level, find_steps
+from ._steps import choice, constant_level, find_steps, is_constant
 from ._table import Table, file_table, frame_table
 
 
@@ -105,16 +105,10 @@ def _with_step(
             raise ValueError(
                 f"{where} tells the step: leave out the input, or step_time, step_size."
             )
-        if found or not roles.implied:
-            return _of_input(
-                table, roles, rows, found, 1 if step is None else step, step_time, where
-            )
-        try:
-            return _of_input(table, roles, rows, found, 1 if step is None else step, None, where)
-        except ValueError:
-            if step is not None:
-                raise
+        if roles.implied and step is None and not found and not is_constant(rows.u):
             rows = rows.with_fact("input_without_step", True)
+        else:
+            return _of_input(table, roles, rows, found, step, step_time, where)
     if step is not None:
         raise ValueError(f"step={step} needs an input: name that column of {table.source}.")
     move = (step_time or 0.0, 1.0 if step_size is None else float(step_size))
@@ -126,7 +120,7 @@ def _with_step(
     told = step_time is not None
     _check_response(rows, move[0], f"{table.names[roles.output]!r} of {table.source}", span, told)
     facts = {"assumed_step": False, "steps_found": 0} | ({"step_told": True} if by_hand else {})
-    return _at_rest(rows, move, 0).with_facts(facts), move
+    return _at_rest(rows, move, None).with_facts(facts), move
 
 
 def _of_input(
@@ -134,7 +128,7 @@ def _of_input(
     roles: Roles,
     rows: Rows,
     found: list[tuple[int, float]],
-    step: SupportsIndex,
+    step: SupportsIndex | None,
     step_time: float | None,
     where: str,
 ) -> tuple[Rows, Move]:
@@ -149,33 +143,33 @@ def _of_input(
     steps = [(float(rows.t[row]), size) for row, size in found]
     if assumed and step_time is not None:
         steps = [(step_time, steps[0][1])]
-    chosen = choice(step, steps, where)
+    chosen = choice(1 if step is None else step, steps, where)
     starts = [row for row, _ in found]
     row, stop = starts[chosen], [*starts, rows.t.size][chosen + 1]
     first = starts[chosen - 1] if chosen else 0
     # Of the last response only an end that has settled: `test_one_of_several_steps`.
-    before = row if chosen == 0 else max(1, (row - first) // 20)
+    begin = None if chosen == 0 else row - first - max(1, (row - first) // 20)
     rows = rows.part(slice(first, stop))
     span = f"from step {chosen + 1} of {len(steps)} at t = {steps[chosen][0]:g} to"
     span += f" t = {rows.t[-1]:g}"
     output = f"{table.names[roles.output]!r} of {table.source}"
     _check_response(rows, steps[chosen][0], output, span, told=True)
-    rows = _at_rest(rows, steps[chosen], row - first - before)
+    rows = _at_rest(rows, steps[chosen], begin)
     return rows.with_facts({"assumed_step": assumed, "steps_found": len(steps)}), steps[chosen]
 
 
-def _at_rest(rows: Rows, move: Move, earliest: int) -> Rows:
-    """The rows from the one on in which the plant is at rest before a step."""
-    rest = rest_before(rows.t, rows.y, move[0], earliest)
-    rows = rows.part(slice(earliest + rest.unrest, None))
-    facts: dict[str, ArrayLike] = {}
-    if rest.unrest:
+def _at_rest(rows: Rows, move: Move, begin: int | None) -> Rows:
+    """The rows from `begin` on; None: from the one on in which the plant is at rest."""
+    rest = rest_before(rows.t, rows.y, move[0])
+    rows = rows.part(slice(rest.unrest if begin is None else begin, None))
+    facts: dict[str, ArrayLike] = {"rows_used": rows.t.size}
+    if begin is None and rest.unrest:
         facts["rows_before_rest"] = rest.unrest
     if rest.drift:
         facts["drift"] = rest.drift
     if rows.t[0] > move[0]:
         facts["begins_late"] = float(rows.t[0]) - move[0]
-    return rows.with_facts(facts | {"rows_used": rows.t.size})
+    return rows.with_facts(facts)
 
 
 def _check_response(rows: Rows, step_time: float, output: str, span: str, told: bool) -> None:

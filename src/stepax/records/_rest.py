@@ -26,8 +26,8 @@ class Rest(NamedTuple):
     drift: float
 
 
-def rest_before(t: np.ndarray, y: np.ndarray, step_time: float, earliest: int = 0) -> Rest:
-    """What is known of the plant's rest before a step; rows before `earliest` only tell the drift.
+def rest_before(t: np.ndarray, y: np.ndarray, step_time: float) -> Rest:
+    """What is known of the plant's rest before a step.
 
     The rows count from where the mean of their first half is that of their second: a warm-up or
     the tail of an earlier move is a difference, noise and a swing around one level are none.
@@ -37,7 +37,7 @@ def rest_before(t: np.ndarray, y: np.ndarray, step_time: float, earliest: int = 
     last = y[count - 1] if count else low  # the change may be over within one row
     extent = float(max(high, last) - min(low, last))
     drift = _drift(t[:count], y[:count], extent, float(t[-1] - step_time))
-    before = y[earliest:count]
+    before = y[:count]
     noise, begin = _noise(y), 0
     while (rows := before.size - begin) >= FEWEST:
         first, second = np.split(before[begin:], [rows // 2])

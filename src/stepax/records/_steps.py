@@ -54,11 +54,16 @@ def _noise(u: np.ndarray) -> float:
 
 def constant_level(u: np.ndarray, where: str) -> float:
     """Level of an input without steps: that of a step from 0 at the first row."""
+    if not is_constant(u):
+        raise ValueError(f"{where} has no step: it lies from {u.min():g} to {u.max():g}.")
+    return float(np.mean(u))
+
+
+def is_constant(u: np.ndarray) -> bool:
+    """Whether an input is constant but for noise, and not 0."""
     # 12 times: the range of 10^6 rows of Gaussian noise is 10 times; `test_constant_input_...`.
     level, spread = float(np.mean(u)), float(np.ptp(u))
-    if level == 0 or spread > min(abs(level), 12 * _noise(u)):
-        raise ValueError(f"{where} has no step: it lies from {u.min():g} to {u.max():g}.")
-    return level
+    return level != 0 and spread <= min(abs(level), 12 * _noise(u))
 
 
 def choice(step: Any, steps: list[tuple[float, float]], where: str) -> int:
