@@ -161,13 +161,23 @@ def _averaged(record: StepRecord) -> Array:
 
 
 def _start_times(record: StepRecord) -> tuple[Scalar, Scalar]:
-    """Times of the first samples at the two start levels, in the averaged record."""
+    """Times at which the averaged record first crosses the two start levels, between its rows.
+
+    Few rows in the rise would give both levels the same row, and a start far too fast.
+    """
     _, safe = usable_record(record)
     initial, final = levels(safe)
     y = (_averaged(safe) - initial) * jnp.sign(final - initial)
     t = safe.elapsed
-    early, late = (
-        t[jnp.argmax((y >= q * jnp.abs(final - initial)) & (t > 0))] for q in START_LEVELS
-    )
+
+    def crossing(level: float) -> Scalar:
+        height = level * jnp.abs(final - initial)
+        after = jnp.argmax((y >= height) & (t > 0))
+        before = jnp.maximum(after - 1, 0)
+        rise = y[after] - y[before]
+        share = jnp.where(rise > 0, (height - y[before]) / jnp.where(rise > 0, rise, 1), 1)
+        return t[before] + jnp.clip(share, 0, 1) * (t[after] - t[before])
+
+    early, late = map(crossing, START_LEVELS)
     early = jnp.maximum(early, 1e-3 * safe.duration)
     return jax.lax.stop_gradient((early, jnp.maximum(late, 1.05 * early)))
