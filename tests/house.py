@@ -33,6 +33,7 @@ ROOMS = (
     "study",
     "layer",
     "report",
+    "_options",
     "_cli",
     "app",
 )

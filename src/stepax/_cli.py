@@ -10,13 +10,27 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
+from ._options import (
+    EXAMPLES as EXAMPLES,
+    SIMULATED,
+    AllRows,
+    Example,
+    File,
+    Files,
+    Json,
+    Number,
+    Plot,
+    read,
+    reads_record,
+    waiting,
+)
 from .report._files import Outputs
 
 
@@ -52,22 +66,6 @@ def _options(
 
 ClickException: type[Exception] = typer.BadParameter.__mro__[2]
 """Wrong usage; newer versions of typer bring their own click, older ones import it."""
-
-EXAMPLES = {"heater": "heater.csv"}
-SIMULATED = "This record is simulated: it comes with stepax as an example and was not measured."
-
-File = Annotated[Path | None, typer.Argument(help="CSV, text table or MAT file.")]
-Files = Annotated[
-    list[Path] | None, typer.Argument(help="CSV, text table or MAT file; several, or a folder.")
-]
-Time = Annotated[str | None, typer.Option(help="Column of the time: name, or number from 1.")]
-Output = Annotated[str | None, typer.Option(help="Column of the output.")]
-Input = Annotated[str | None, typer.Option(help="Column of the input, where the step is found.")]
-Step = Annotated[int | None, typer.Option(help="Which step of the input; -1 is the last.")]
-Plot = Annotated[Path | None, typer.Option(help="Write a plot: PNG, PDF, SVG, ...")]
-Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON.")]
-Example = Annotated[str | None, typer.Option(help="Use a record of the package: heater.")]
-Number = float | None
 
 
 def main() -> None:
@@ -154,34 +152,6 @@ def set_up_jax() -> None:
             jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 
 
-# The record
-
-
-@contextlib.contextmanager
-def _record_file(file: Path | None, example: str | None) -> Iterator[Path]:
-    """The record to read: a file, or one of the package."""
-    if (file is None) == (example is None):
-        raise ValueError("Give a FILE or --example NAME" + (", not both." if file else "."))
-    if file is not None:
-        yield file
-        return
-    if example not in EXAMPLES:
-        known = ", ".join(EXAMPLES)
-        raise KeyError(f"There is no example {example!r}; the known ones are: {known}.")
-    from importlib.resources import as_file, files
-
-    with as_file(files("stepax") / "examples" / EXAMPLES[example]) as path:
-        yield path
-
-
-def _read(file: Path | None, example: str | None, **columns) -> "StepRecord":
-    """The record of a file or an example."""
-    from .records._read import read_record
-
-    with _record_file(file, example) as path:
-        return read_record(path, **columns)
-
-
 # Terminal
 
 
@@ -190,12 +160,6 @@ def console() -> Console:
     if sys.stdout.isatty():
         return Console()
     return Console(width=1000, no_color=True, force_terminal=False)
-
-
-def waiting(what: str):
-    """A spinner on stderr, where that is a terminal."""
-    terminal = Console(stderr=True)
-    return terminal.status(what) if terminal.is_terminal else contextlib.nullcontext()
 
 
 def _show(*parts: Any, written: list[Path] = []) -> None:  # noqa: B006 (not changed)
@@ -220,37 +184,44 @@ def _heading(record: "StepRecord", example: str | None) -> str:
 
 
 @_command
+@reads_record
 def identify(
+    reading: dict[str, Any],
     files: Files = None,
-    time: Time = None,
-    output: Output = None,
-    input: Input = None,
-    step: Step = None,
     method: Annotated[str, typer.Option(help="See `stepax methods`.")] = "auto",
+    loss: Annotated[str | None, typer.Option(help="Of fits: squares, or huber.")] = None,
+    span: Annotated[Number, typer.Option(help="Of tangents: share of rows to smooth over.")] = None,
+    fixed: Annotated[
+        list[str] | None, typer.Option(help="Of fits: a parameter to hold; may be repeated.")
+    ] = None,
+    all_rows: AllRows = False,
     plot: Plot = None,
     json: Json = None,
     csv: Annotated[Path | None, typer.Option(help="Several files: write the table as CSV.")] = None,
     example: Example = None,
 ) -> None:
     """Identify a transfer function from a recorded step response, or one from each of several."""
-    columns = {"time": time, "output": output, "input": input, "step": step}
+    options = {"loss": loss, "span": span, "fixed": tuple(fixed) if fixed else None}
+    options = {name: value for name, value in options.items() if value is not None}
+    options |= {"all_rows": True} if all_rows else {}
     if files is not None and (len(files) > 1 or files[0].is_dir()):
         if json or example:
             raise ValueError("Several files give a table: --csv OUT.csv, and --plot FOLDER.")
-        _identify_files(files, columns, method, plot, csv)
+        _identify_files(files, reading, method, options, plot, csv)
     elif csv is not None:
         raise ValueError("--csv is for several files; of one --json has all numbers.")
     else:
-        _identify_file(files[0] if files else None, example, columns, method, plot, json)
+        file = files[0] if files else None
+        _identify_file(file, example, reading, method, options, Outputs(plot, json))
 
 
 def _identify_file(
     file: Path | None,
     example: str | None,
-    columns: dict[str, Any],
+    reading: dict[str, Any],
     method: str,
-    plot: Path | None,
-    json: Path | None,
+    options: dict[str, Any],
+    outputs: Outputs,
 ) -> None:
     """One file: the report, a picture, JSON."""
     from ._identify import chosen_method, identify as identify_record
@@ -258,24 +229,24 @@ def _identify_file(
     from .report._content import to_json
     from .report._terminal import report
 
-    outputs = Outputs(plot, json)
     outputs.check(file)
-    record = _read(file, example, **columns)
+    record = read(file, example, reading)
     with waiting(f"Identifying {record.labels.source} ..."):
-        result = identify_record(record, method)
+        result = identify_record(record, method, **options)
         if bool(refused(result.status)):
             raise ValueError(f"{record.labels.source}: {Status[result.status]}")
         name = chosen_method(result) if method == "auto" else method
         written = outputs.write(result.plot, lambda: to_json(result, name))
     kept = f"{name}, chosen by AICc" if method == "auto" else name
-    said = report(result, kept, columns["step"])
+    said = report(result, kept, reading["step"])
     _show(_heading(record, example), said, written=written)
 
 
 def _identify_files(
     files: list[Path],
-    columns: dict[str, Any],
+    reading: dict[str, Any],
     method: str,
+    options: dict[str, Any],
     plots: Path | None,
     csv: Path | None,
 ) -> None:
@@ -291,9 +262,9 @@ def _identify_files(
         raise FileNotFoundError(f"There are no CSV files in {', '.join(map(str, files))}.")
     check_folder(plots)
     check_table(csv, paths)
-    readers = [(str(path), functools.partial(read_record, path, **columns)) for path in paths]
+    readers = [(str(path), functools.partial(read_record, path, **reading)) for path in paths]
     shown = sys.stderr.isatty()
-    found = Identifications(each_of(readers, method, shown))
+    found = Identifications(each_of(readers, method, shown, options))
     if not any(outcome.has_model for outcome in found.outcomes):
         first = found.outcomes[0]
         raise ValueError(f"No file could be used; {first.source}: {first.reason}")
@@ -302,12 +273,12 @@ def _identify_files(
 
 
 @_command
+@reads_record
 def compare(
+    reading: dict[str, Any],
     file: File = None,
-    time: Time = None,
-    output: Output = None,
-    input: Input = None,
-    step: Step = None,
+    methods: Annotated[str | None, typer.Option(help="Names, by commas; all if not given.")] = None,
+    all_rows: AllRows = False,
     group: Annotated[str, typer.Option(help="all, first, second or nth order.")] = "all",
     kind: Annotated[str, typer.Option(help="Plot: response, bar or pie.")] = "response",
     plot: Plot = None,
@@ -324,9 +295,10 @@ def compare(
     check_kind(kind)
     outputs = Outputs(plot, json)
     outputs.check(file)
-    record = _read(file, example, time=time, output=output, input=input, step=step)
+    names = None if methods is None else [name.strip() for name in methods.split(",")]
+    record = read(file, example, reading)
     with waiting(f"Comparing methods on {record.labels.source} ..."):
-        comparison = compare_methods(record)
+        comparison = compare_methods(record, names, all_rows=all_rows)
         kept = comparison.models(group)
         if not comparison.models():
             raise ValueError(
@@ -338,7 +310,7 @@ def compare(
             lambda: comparison.plot(group, kind),
             lambda: [to_json(row.result, row.method) for row in kept],
         )
-    notes = [f"Note: {text}" for text in notes_of(kept[0].result, step)]
+    notes = [f"Note: {text}" for text in notes_of(kept[0].result, reading["step"])]
     _show(_heading(record, example), comparison_report(comparison, group), *notes, written=written)
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from ._arrays import Count, Samples, Scalar
 from ._compilation import compiled, is_traced, quick_compilation, rung, side_by_side
@@ -23,6 +24,7 @@ from .records._glitches import MOST, are_glitches, has_spikes, outliers
 from .records._preprocess import quantisation, window_of
 from .records._record import StepRecord, compact, padded_record, predict, with_weights
 from .records._signs import Signs, signs
+from .records._thin import thinned
 
 
 AUTO_OPTIONS = (*FitOptions.__annotations__, "orders")
@@ -45,7 +47,9 @@ def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identi
         better (`glitches` in `.details`), unless `loss` is given. `.details` holds `aicc_<method>`
         of each that was tried, the signs in the record, and `chosen` (`chosen_method`).
     - `options`: passed to the method; see its docstring. "auto" takes those of `refine`, and
-        `orders` for the chains.
+        `orders` for the chains. `all_rows=True`: a record of more than 4000 rows, which is averaged
+        over equal spans of time otherwise (the result's `record`), is used as it is, as it is too
+        with `weights`.
 
     **Returns:** `Identification`. What is wrong with the values of the record is in its `.status`.
     A named method is clean under `jit`, `vmap` and `grad`; "auto" chooses between classes on the
@@ -65,10 +69,14 @@ def identify_filled(
     """`identify` for a ladder of lengths that records are filled up to."""
     if method != "auto" and method not in METHODS:
         raise KeyError(f"Unknown method {method!r}; known are auto, {', '.join(METHODS)}.")
+    options = dict(options)
+    all_rows = options.pop("all_rows", False)
     if method != "auto" and is_traced((record, options)):
         result = METHODS[method](record.plain, **options)
     else:
         refuse_tracers(record, 'identify(method="auto")')
+        if not all_rows and options.get("weights") is None:
+            record = thinned(record)
         known = AUTO_OPTIONS if method == "auto" else option_names(METHODS[method])
         options = prepared(method, known, record, options)
         check_length(record, options)
@@ -139,13 +147,13 @@ def _identify_auto(
     result = dataclasses.replace(result, method=chosen)
     if "loss" not in options:
         poor = not float(result.fit_percent) > POOR_FIT
-        fit, rows = fits[chosen], np.asarray(residual)[np.asarray(fits[chosen].problem.counted)]
+        fit = fits[chosen]
+        rows = np.asarray(residual)[np.asarray(fit.problem.weights) > 0]
         if poor or has_spikes(rows):
             kept = _without_glitches(record, fit, rows, asked, float(result.fit_percent))
             if kept is not None:
-                chosen, scores, fit, glitches = kept
+                chosen, scores, fit, facts = kept
                 result, _ = _concluded(fit, record, errors)
-                facts = {"glitches": jnp.asarray(glitches)}
                 result = dataclasses.replace(result, method=chosen, details=result.details | facts)
     details = {f"aicc_{name}": np.asarray(score) for name, score in scores.items()}
     details |= seen._asdict() | {"chosen": np.asarray(_CANDIDATES.index(chosen))}
@@ -159,23 +167,23 @@ def _without_glitches(
     residual: np.ndarray,
     asked: dict[str, dict[str, Any]],
     fit_percent: float,
-) -> tuple[str, dict[str, float], Fitted, int] | None:
+) -> tuple[str, dict[str, float], Fitted, dict[str, Array]] | None:
     """Families fitted with Huber's loss, where that explains the bulk of the rows better.
 
-    The name of the best, AICc of each over the rows that do not stand out, the fit, and how many
-    rows do; None where the fit by squares is kept. `residual`: its rows, over the range.
+    The name of the best, AICc of each over the rows that do not stand out, the fit, and details;
+    None where the fit by squares is kept. `residual`: its rows, over the range.
     """
     tasks = [partial(_robust, AUTO[name], record, asked[name] | {"loss": "huber"}) for name in AUTO]
     tried = dict(zip(AUTO, side_by_side(tasks), strict=True))
-    counted = np.asarray(squares.problem.counted)
+    counted = np.asarray(squares.problem.weights) > 0
     rows = {name: np.asarray(away)[counted] for name, (_, away) in tried.items()}
     fits = {name: fit for name, (fit, _) in tried.items() if not bool(refused(fit.status))}
     if not fits:
         return None
-    unit = float(squares.problem.range)
+    unit, y = float(squares.problem.range), np.asarray(squares.problem.record.y)[counted]
     noise = {name: float(fit.noise_level) / unit for name, fit in fits.items()}
     sharpest = min(noise, key=noise.__getitem__)
-    quantum = float(quantisation(np.asarray(record.y)[counted])) / unit
+    quantum = float(quantisation(jnp.asarray(y))) / unit
     out = outliers(rows[sharpest], noise[sharpest], quantum)
     bulk = ~out
 
@@ -187,7 +195,11 @@ def _without_glitches(
     better = score(residual, squares.parameters) - scores[best] > CLEARLY_BETTER
     poor = not fit_percent > POOR_FIT and 0 < out.mean() <= MOST
     if better and (poor or are_glitches(out)):
-        return best, scores, fits[best], int(out.sum())
+        after = np.asarray(squares.problem.record.after_step)[counted] & bulk
+        y, away = y[after], unit * rows[best][after]
+        fit = 100 * (1 - np.linalg.norm(away) / np.linalg.norm(y - y.mean()))
+        details = {"glitches": jnp.asarray(out.sum()), "fit_of_the_rest": jnp.asarray(fit)}
+        return best, scores, fits[best], details
     return None
 
 

@@ -39,10 +39,9 @@ def notes_of(result: Identified, step: int | None = None) -> list[str]:
     sentences = []
     if result.status != Status.successful:
         sentences.append(Status[result.status])
-    if float(result.fit_percent) < POOR_FIT:
-        sentences.append(
-            f"The fit is only {number(result.fit_percent)} %: look at the plot before using it."
-        )
+    fit = details.get("fit_of_the_rest", result.fit_percent)
+    if float(fit) < POOR_FIT:
+        sentences.append(f"The fit is only {number(fit)} %: look at the plot before using it.")
     sentences += _about_parameters(result, details)
     sentences += _about_the_step(result, details, units, step)
     sentences += _about_the_rows(details, units.time)
@@ -88,7 +87,8 @@ def _about_the_step(
         choose = ": choose with --step" if step is None else ""
         yield f"{int(found)} steps in the input; this is step {chosen}{choose}."
     if _holds(details, "drift"):
-        slope = with_unit(details["drift"], f"{units.output}/{units.time}".strip("/"))
+        known = f"{units.output}/{units.time}" if units.output and units.time else ""
+        slope = with_unit(details["drift"], known or "per unit of time")
         yield (
             f"The output still moves when the step comes, by {slope}: the model takes that for a"
             " part of the response. Take a step that begins at rest (--step), or wait longer"
@@ -118,8 +118,9 @@ def _about_the_rows(details: dict[str, Any], unit: str) -> Iterator[str]:
         )
     if count := _count(details, "rows_thinned"):
         yield (
-            f"{_rows(count)} are averaged over equal spans of time, of"
-            f" {with_unit(details['span_of_average'], unit)}: --all-rows uses each of them."
+            f"{_rows(count)} are averaged over equal spans of"
+            f" {with_unit(details['span_of_average'], unit)}, and RMSE and fit are those of the"
+            " means; --all-rows uses each row."
         )
     if _holds(details, "thinned_coarsely"):
         yield (
@@ -133,7 +134,8 @@ def _about_residuals(result: Identified, details: dict[str, Any], unit: str) -> 
     if count := _count(details, "glitches"):
         yield (
             f"{_rows(count)} {'stands' if count == 1 else 'stand'} out of the rest as glitches do:"
-            " Huber's loss bounds their pull on the model."
+            " Huber's loss bounds their pull on the model. Without them the fit is"
+            f" {number(details['fit_of_the_rest'])} %."
         )
     phi = float(details.get("residual_autocorrelation", 0.0))
     # What a row adds to what the one before tells: beyond 0.58 of a step, half a step of noise

@@ -9,12 +9,16 @@ from ._record import StepRecord, rows_that_count
 
 MOST_ROWS = 4000
 """Rows that a fit works on: of more it would take minutes, and tell nothing that means do not."""
+SPANS = 3563
+"""Spans of a longer record; with one more at either end they fill a rung of the ladder of lengths.
+
+`test_a_thinned_record_fills_its_rung` holds that."""
 FEW_SPANS = 10
 """Spans between 10 and 90 % of the change below which means blur the response."""
 
 
 def thinned(record: StepRecord) -> StepRecord:
-    """A record of at most `MOST_ROWS` rows; a short one is returned as it is.
+    """A record of fewer rows where it has more than `MOST_ROWS`; else the record as it is.
 
     Each row is the mean over one of equal spans, which are laid from the step on, so that none has
     rows of both sides of it. Means keep what white noise tells of a slow response; that of a span
@@ -27,7 +31,7 @@ def thinned(record: StepRecord) -> StepRecord:
     usable = t.size > MOST_ROWS and np.all(np.isfinite(y)) and np.all(np.diff(t) > 0)
     if not usable:  # a refusal says why
         return record
-    span = (t[-1] - t[0]) / (MOST_ROWS - 2)
+    span = (t[-1] - t[0]) / SPANS
     place = np.floor((t - float(record.step_time)) / span)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(place)) + 1])
     counts = np.diff(starts, append=t.size)

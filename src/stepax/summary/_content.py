@@ -61,7 +61,7 @@ def record_line(record: StepRecord) -> str:
     units = Units.of(record.labels)
     size = with_unit(record.step_size, units.input)
     time = with_unit(record.step_time, units.time)
-    rows = rows_that_count(record).t.size
+    rows = int(record.details.get("rows_thinned", rows_that_count(record).t.size))
     return f"{record.labels.source or 'Record'}: {rows} rows, step of {size} at t = {time}"
 
 
