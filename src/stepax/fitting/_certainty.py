@@ -89,6 +89,7 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
     freedom = found.freedom * (1 - phi**2) / (1 + phi**2)
     halves = student_95(freedom) * errors
     vague = found.lost | _vague(problem, free, values, halves, refused(result.status))
+    vague = vague | _traded(problem, free, model.delay)
     vague = ~(found.at_bound | found.absent) & vague
     verdict = Status.where(jnp.any(vague), Status.not_identifiable, Status.successful)
     bounded = found.at_bound & np.array([s.name not in COMMON for s in free])
@@ -225,6 +226,19 @@ def _vague(problem: Problem, free, values: Array, halves: Array, refusal) -> Arr
     ]
     limits = jnp.stack([jnp.asarray(limit, values.dtype) for limit in limits])
     return ~(halves < limits) & ~refusal
+
+
+def _traded(problem: Problem, free, delay: Scalar) -> Array | np.ndarray:
+    """Gain and offset where rows begin after the step, and after the dead time.
+
+    Of a first-order plant any dead time up to the first row then gives the same response with
+    another gain and offset.
+    """
+    levels = np.array([s.name in ("gain", "offset") for s in free])
+    if not problem.kinked or problem.known_levels.free < 2:
+        return np.zeros(levels.size, bool)
+    first = problem.record.elapsed[0]
+    return levels & (first > 0) & (delay <= first)
 
 
 def _by_name(problem: Problem, model, free, errors: Array) -> dict[str, Array]:

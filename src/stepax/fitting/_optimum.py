@@ -91,7 +91,9 @@ def _between_samples(
 
     first = Optimum(start, jnp.array(False), jnp.array(0))
     first, (found, cost) = jax.lax.scan(search, first, jnp.arange(-1, CELLS))
-    best = jax.tree.map(lambda x: x[jnp.argmin(cost)], found)
+    # Of equal costs the smaller dead time, although rounding may decide for another.
+    least = jnp.argmax(cost <= jnp.min(cost) * (1 + 1e-9))
+    best = jax.tree.map(lambda x: x[least], found)
     return best._replace(steps=first.steps + best.steps), jnp.min(cost)
 
 
@@ -123,6 +125,11 @@ def _cell(problem: Problem, delay: Array, longest: Array, cell: Count) -> tuple[
     place = jnp.searchsorted(elapsed, delay, side="right") - 1 - CELLS // 2 + cell
     index = jnp.clip(jnp.stack([place, place + 1]), 0, problem.record.last)
     left, right = jnp.clip(elapsed[index], 0, longest)
+    # Of a record that begins after the step: up to its first row a first-order plant trades dead
+    # time for gain and offset, if both are free; then no dead time stands for them all.
+    left = jnp.where(place < 0, 0, left)
+    if problem.known_levels.free == 2:
+        right = jnp.where(place < 0, 0, right)
     margin = jnp.finfo(elapsed.dtype).eps ** 0.5 * (right - left)
     left = jnp.where((left > 0) & (cell >= 0), left + margin, 0)
     right = jnp.where((right < longest) & (cell >= 0), right - margin, longest)
