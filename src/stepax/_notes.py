@@ -83,8 +83,9 @@ def _about_the_step(
     if _holds(details, "assumed_step") and not _holds(details, "step_told"):
         yield "The input is constant from its first row: taken as a step from 0 at that row."
     if found is not None and int(found) > 1:
-        chosen = 1 if step is None else step if step > 0 else int(found) + 1 + step
-        choose = ": choose with --step" if step is None else ""
+        asked = 1 if step is None else step if step > 0 else int(found) + 1 + step
+        chosen = int(details.get("step_taken", asked))
+        choose = ": choose with --step" if step is None and chosen == 1 else ""
         yield f"{int(found)} steps in the input; this is step {chosen}{choose}."
     if _holds(details, "drift"):
         known = f"{units.output}/{units.time}" if units.output and units.time else ""

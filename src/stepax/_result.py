@@ -26,6 +26,7 @@ DETAILS = {
     # of the record
     "assumed_step": "the input was constant from its first row and taken as a step from 0 there",
     "steps_found": "number of steps in the input, 0 without an input column",
+    "step_taken": "which of them, from 1",
     "step_told": "time or size of the step were given",
     "input_without_step": "the column left for the input has no step and is not used",
     "drift": "slope of the output before the step, where it still moves",

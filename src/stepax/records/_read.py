@@ -155,7 +155,8 @@ def _of_input(
     output = f"{table.names[roles.output]!r} of {table.source}"
     _check_response(rows, steps[chosen][0], output, span, told=True)
     rows = _at_rest(rows, steps[chosen], begin)
-    return rows.with_facts({"assumed_step": assumed, "steps_found": len(steps)}), steps[chosen]
+    facts = {"assumed_step": assumed, "steps_found": len(steps), "step_taken": chosen + 1}
+    return rows.with_facts(facts), steps[chosen]
 
 
 def _at_rest(rows: Rows, move: Move, begin: int | None) -> Rows:

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 
-SEEN = 0.02
+SEEN = 0.015
 """Share of the response from which on a difference of halves matters: it moves the offset."""
 STANDS_OUT = 4.5
 """Standard errors above which a difference is no noise: in one of 10^5 tries."""
@@ -43,7 +43,9 @@ def rest_before(t: np.ndarray, y: np.ndarray, step_time: float) -> Rest:
         first, second = np.split(before[begin:], [rows // 2])
         # of two means of half the rows each
         error = 2 * max(noise, _line(second)[1]) / rows**0.5
-        if abs(first.mean() - second.mean()) <= max(SEEN * extent, STANDS_OUT * error):
+        least = max(SEEN * extent, STANDS_OUT * error)
+        # Once unrest is seen, nothing of it is kept that half the noise would hide.
+        if abs(first.mean() - second.mean()) <= (least if not begin else least / 5):
             break
         begin += max(1, rows // 10)
     return Rest(begin, drift)

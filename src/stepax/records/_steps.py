@@ -63,7 +63,7 @@ def is_constant(u: np.ndarray) -> bool:
     """Whether an input is constant but for noise, and not 0."""
     # 12 times: the range of 10^6 rows of Gaussian noise is 10 times; `test_constant_input_...`.
     level, spread = float(np.mean(u)), float(np.ptp(u))
-    return level != 0 and spread <= min(abs(level), 12 * _noise(u))
+    return bool(level != 0 and spread <= min(abs(level), 12 * _noise(u)))
 
 
 def choice(step: Any, steps: list[tuple[float, float]], where: str) -> int:
