@@ -298,7 +298,7 @@ def compare(
     names = None if methods is None else [name.strip() for name in methods.split(",")]
     record = read(file, example, reading)
     with waiting(f"Comparing methods on {record.labels.source} ..."):
-        comparison = compare_methods(record, names, all_rows=all_rows)
+        comparison = compare_methods(record, names, **({"all_rows": True} if all_rows else {}))
         kept = comparison.models(group)
         if not comparison.models():
             raise ValueError(

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -14,13 +15,13 @@ from ._compilation import compiled, is_traced, quick_compilation, rung, side_by_
 from ._notes import POOR_FIT
 from ._result import Identification
 from ._status import refused
-from .fitting._fitted import Fitted, aicc
+from .fitting._fitted import Fitted, aicc, fit
 from .fitting._refine import concluded
 from .methods import METHODS
 from .methods._fits import AUTO, CHAINS, WITH_REASON, FitOptions
 from .methods._method import option_names, prepared
 from .models._abstract import AbstractPlant
-from .records._glitches import MOST, are_glitches, has_spikes, outliers
+from .records._glitches import MOST, are_glitches, outliers, spikes
 from .records._preprocess import quantisation, window_of
 from .records._record import StepRecord, compact, padded_record, predict, with_weights
 from .records._signs import Signs, signs
@@ -124,13 +125,9 @@ def _identify_auto(
     record: StepRecord, errors: bool = True, orders: tuple[int, ...] | None = None, **options: Any
 ) -> Identification:
     """Of a filled record; the searches compile side by side."""
-    names = sorted(AUTO, key=lambda name: name != "sani_fit")  # what takes longest begins
-    searched = {name: _searched_long if name == "sani_fit" else _searched for name in names}
     chains = {} if orders is None else {"orders": orders}
-    asked = {name: options | chains if name in CHAINS else options for name in names}
-    tasks = [partial(searched[name], AUTO[name], record, asked[name]) for name in names]
-    found = dict(zip(names, side_by_side(tasks), strict=True))
-    fits: dict[str, Fitted] = {name: found[name] for name in AUTO}
+    asked = {name: options | chains if name in CHAINS else options for name in AUTO}
+    fits = _search_all(record, asked)
     scores = {name: float(fit.score) for name, fit in fits.items()}
     best = min(scores, key=scores.__getitem__)
     seen = _signs(record)
@@ -147,13 +144,11 @@ def _identify_auto(
     result = dataclasses.replace(result, method=chosen)
     if "loss" not in options:
         poor = not float(result.fit_percent) > POOR_FIT
-        fit = fits[chosen]
-        rows = np.asarray(residual)[np.asarray(fit.problem.weights) > 0]
-        if poor or has_spikes(rows):
-            kept = _without_glitches(record, fit, rows, asked, float(result.fit_percent))
+        if poor or spikes(_counted(fits[chosen], residual))[0].any():
+            kept = _without_glitches(record, fits[chosen], residual, asked, poor)
             if kept is not None:
-                chosen, scores, fit, facts = kept
-                result, _ = _concluded(fit, record, errors)
+                chosen, scores, robust, facts = kept
+                result, _ = _concluded(robust, record, errors)
                 result = dataclasses.replace(result, method=chosen, details=result.details | facts)
     details = {f"aicc_{name}": np.asarray(score) for name, score in scores.items()}
     details |= seen._asdict() | {"chosen": np.asarray(_CANDIDATES.index(chosen))}
@@ -161,46 +156,69 @@ def _identify_auto(
     return dataclasses.replace(result, details=result.details | details)
 
 
+def _search_all(record: StepRecord, asked: dict[str, dict[str, Any]]) -> dict[str, Fitted]:
+    """The fit of each family."""
+    names = sorted(AUTO, key=lambda name: name != "sani_fit")  # what takes longest begins
+    searched = {name: _searched_long if name == "sani_fit" else _searched for name in names}
+    tasks = [partial(searched[name], AUTO[name], record, asked[name]) for name in names]
+    found = dict(zip(names, side_by_side(tasks), strict=True))
+    return {name: found[name] for name in AUTO}
+
+
+def _counted(fit: Fitted, rows: Any) -> np.ndarray:
+    """Of one value a row, those of the rows that a fit counts."""
+    return np.asarray(rows)[np.asarray(fit.problem.weights) > 0]
+
+
 def _without_glitches(
     record: StepRecord,
     squares: Fitted,
-    residual: np.ndarray,
+    residual: Samples,
     asked: dict[str, dict[str, Any]],
-    fit_percent: float,
+    poor: bool,
 ) -> tuple[str, dict[str, float], Fitted, dict[str, Array]] | None:
     """Families fitted with Huber's loss, where that explains the bulk of the rows better.
 
-    The name of the best, AICc of each over the rows that do not stand out, the fit, and details;
-    None where the fit by squares is kept. `residual`: its rows, over the range.
+    They start from what the squares give without the spikes. The name of the best, AICc of each
+    over the rows that do not stand out, the fit, and details; None where the fit by squares is
+    kept. `residual`: of its rows, over the range; `poor`: whether it misses the response.
     """
-    tasks = [partial(_robust, AUTO[name], record, asked[name] | {"loss": "huber"}) for name in AUTO]
+    safe = squares.problem.record
+    unit, y, away = (
+        float(squares.problem.range),
+        _counted(squares, safe.y),
+        _counted(squares, residual),
+    )
+    stand, by = spikes(y / unit)
+    if not stand.any():  # small ones on a slope stand out of a model alone
+        stand, by = spikes(away)
+    clean = np.array(safe.y)
+    clean[np.flatnonzero(squares.problem.weights)[stand]] -= unit * by[stand]
+    starts = _search_all(eqx.tree_at(lambda r: r.y, safe, jnp.asarray(clean)), asked)
+    tasks = [partial(_robust, record, starts[name], asked[name]) for name in AUTO]
     tried = dict(zip(AUTO, side_by_side(tasks), strict=True))
-    counted = np.asarray(squares.problem.weights) > 0
-    rows = {name: np.asarray(away)[counted] for name, (_, away) in tried.items()}
     fits = {name: fit for name, (fit, _) in tried.items() if not bool(refused(fit.status))}
     if not fits:
         return None
-    unit, y = float(squares.problem.range), np.asarray(squares.problem.record.y)[counted]
+    rows = {name: _counted(squares, tried[name][1]) for name in fits}
     noise = {name: float(fit.noise_level) / unit for name, fit in fits.items()}
     sharpest = min(noise, key=noise.__getitem__)
-    quantum = float(quantisation(jnp.asarray(y))) / unit
-    out = outliers(rows[sharpest], noise[sharpest], quantum)
-    bulk = ~out
+    out = outliers(rows[sharpest], noise[sharpest], float(quantisation(jnp.asarray(y))) / unit)
 
     def score(away: np.ndarray, parameters: Count) -> float:
-        return float(aicc(np.sum(away[bulk] ** 2), int(bulk.sum()), int(parameters)))
+        square = jnp.asarray(np.sum(away[~out] ** 2))
+        return float(aicc(square, int(np.sum(~out)), int(parameters)))
 
     scores = {name: score(rows[name], fit.parameters) for name, fit in fits.items()}
     best = min(scores, key=scores.__getitem__)
-    better = score(residual, squares.parameters) - scores[best] > CLEARLY_BETTER
-    poor = not fit_percent > POOR_FIT and 0 < out.mean() <= MOST
-    if better and (poor or are_glitches(out)):
-        after = np.asarray(squares.problem.record.after_step)[counted] & bulk
-        y, away = y[after], unit * rows[best][after]
-        fit = 100 * (1 - np.linalg.norm(away) / np.linalg.norm(y - y.mean()))
-        details = {"glitches": jnp.asarray(out.sum()), "fit_of_the_rest": jnp.asarray(fit)}
-        return best, scores, fits[best], details
-    return None
+    better = score(away, squares.parameters) - scores[best] > CLEARLY_BETTER
+    if not better or not (are_glitches(out) or (poor and 0 < out.mean() <= MOST)):
+        return None
+    after = _counted(squares, safe.after_step) & ~out
+    spread = np.linalg.norm(y[after] - y[after].mean())
+    percent = 100 * (1 - unit * np.linalg.norm(rows[best][after]) / spread)
+    details = {"glitches": jnp.asarray(out.sum()), "fit_of_the_rest": jnp.asarray(percent)}
+    return best, scores, fits[best], details
 
 
 _CANDIDATES = (*AUTO, *WITH_REASON)
@@ -233,8 +251,12 @@ _searched, _searched_long = compiled(_search), compiled(_search, effort=1)
 
 
 @compiled
-def _robust(search: Callable[..., Fitted], record: StepRecord, options) -> tuple[Fitted, Samples]:
-    fitted = search(record, **options)
+def _robust(record: StepRecord, start: Fitted, options) -> tuple[Fitted, Samples]:
+    """The fit with Huber's loss from that of a family by squares, and its residuals."""
+    model, _ = start.problem.plant(start.x)
+    options = {name: value for name, value in options.items() if name != "orders"}
+    fitted = fit(record, model, **options, loss="huber")
+    fitted = dataclasses.replace(fitted, parameters=start.parameters)  # an order among them
     return fitted, fitted.problem.errors(fitted.x)
 
 

@@ -13,20 +13,17 @@ MOST = 0.1
 """Share of rows that may stand out: beyond, they are no exceptions."""
 
 
-def has_spikes(residual: np.ndarray) -> bool:
-    """Whether rows stand out of the running median of seven, which keeps steps and slopes.
+def spikes(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which rows stand out of the running median of seven, and by how much.
 
-    Of residuals in units of the output's range: also where glitches have pulled a model away.
+    It keeps steps and slopes. `values`: outputs or residuals, in units of the output's range.
     """
-    if residual.size < 2 * SHORT + 1:
-        return False
-    padded = np.pad(residual, SHORT, mode="edge")
+    if values.size < 2 * SHORT + 1:
+        return np.zeros(values.size, bool), np.zeros(values.size)
+    padded = np.pad(values, SHORT, mode="reflect")
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * SHORT + 1)
-    away = np.abs(residual - np.median(windows, axis=1))
-    noise = 1.4826 * np.median(away)
-    # the range that the glitches leave, in the units of the residuals
-    low, high = np.quantile(residual, [0.25, 0.75])
-    return bool(np.any((away > STANDS_OUT * noise) & (away > SEEN) & (away > high - low)))
+    away = values - np.median(windows, axis=1)
+    return np.abs(away) > max(STANDS_OUT * 1.4826 * np.median(np.abs(away)), SEEN), away
 
 
 def outliers(residual: np.ndarray, noise: float, quantum: float = 0.0) -> np.ndarray:

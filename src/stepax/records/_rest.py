@@ -43,9 +43,9 @@ def rest_before(t: np.ndarray, y: np.ndarray, step_time: float) -> Rest:
         first, second = np.split(before[begin:], [rows // 2])
         # of two means of half the rows each
         error = 2 * max(noise, _line(second)[1]) / rows**0.5
-        least = max(SEEN * extent, STANDS_OUT * error)
-        # Once unrest is seen, nothing of it is kept that half the noise would hide.
-        if abs(first.mean() - second.mean()) <= (least if not begin else least / 5):
+        # Once unrest is seen, no more of it is kept than the noise hides.
+        least = max(SEEN * extent / (20 if begin else 1), STANDS_OUT * error / (2 if begin else 1))
+        if abs(first.mean() - second.mean()) <= least:
             break
         begin += max(1, rows // 10)
     return Rest(begin, drift)

@@ -19,7 +19,7 @@ def quantile(result: Identified, level: float = LEVEL) -> np.ndarray:
     if not 0 < level < 1:
         raise ValueError(f"The level of an interval must lie between 0 and 1, got {level!r}.")
     freedom = np.asarray(result.details.get("degrees_of_freedom", np.inf), float)
-    return special.stdtrit(freedom, 0.5 + level / 2)
+    return np.asarray(special.stdtrit(freedom, 0.5 + level / 2))
 
 
 def interval(result: Identified, name: str, level: float = LEVEL) -> tuple:
