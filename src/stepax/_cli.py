@@ -295,10 +295,11 @@ def compare(
     check_kind(kind)
     outputs = Outputs(plot, json)
     outputs.check(file)
+    whole: dict[str, Any] = {"all_rows": True} if all_rows else {}
     names = None if methods is None else [name.strip() for name in methods.split(",")]
     record = read(file, example, reading)
     with waiting(f"Comparing methods on {record.labels.source} ..."):
-        comparison = compare_methods(record, names, **({"all_rows": True} if all_rows else {}))
+        comparison = compare_methods(record, names, **whole)
         kept = comparison.models(group)
         if not comparison.models():
             raise ValueError(

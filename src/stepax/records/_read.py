@@ -74,11 +74,11 @@ def read_record(
     by_hand = step_time is not None or step_size is not None
     roles = roles_of(table, time, output, input, by_hand)
     rows = rows_of(table, roles, dayfirst)
-    limits = (
+    first, last = (
         None if value is None else moment(value, rows.times, name, dayfirst)
         for value, name in ((begin, "begin"), (end, "end"))
     )
-    rows = rows_between(rows, *limits, table.source)
+    rows = rows_between(rows, first, last, table.source)
     at = None if step_time is None else moment(step_time, rows.times, "step_time", dayfirst)
     rows, move = _with_step(table, roles, rows, step, at, step_size)
     return _record(table, roles, rows, move, {"initial": initial, "final": final})
@@ -220,6 +220,6 @@ def _record(
     return record
 
 
-def _fact(value: Any):
+def _fact(value: Any) -> Any:
     """A fact as an array; the date of the first row needs float64, also in single precision."""
     return np.asarray(value) if isinstance(value, np.float64) else jnp.asarray(value)

@@ -34,14 +34,14 @@ def thinned(record: StepRecord) -> StepRecord:
     span = (t[-1] - t[0]) / SPANS
     place = np.floor((t - float(record.step_time)) / span)
     starts = np.concatenate([[0], np.flatnonzero(np.diff(place)) + 1])
-    counts = np.diff(starts, append=t.size)
-    means = [np.add.reduceat(x - x[0], starts) / counts + x[0] for x in (t, y)]
+    counts = np.diff(starts, append=place.size)
+    t, y = (np.add.reduceat(x - x[0], starts) / counts + x[0] for x in (t, y))
     facts = {
-        "rows_thinned": jnp.asarray(t.size),
+        "rows_thinned": jnp.asarray(place.size),
         "span_of_average": jnp.asarray(span),
-        "thinned_coarsely": jnp.asarray(_is_coarse(*means, float(record.step_time))),
+        "thinned_coarsely": jnp.asarray(_is_coarse(t, y, float(record.step_time))),
     }
-    rows = (jnp.asarray(x, record.t.dtype) for x in means)
+    rows = (jnp.asarray(x, record.t.dtype) for x in (t, y))
     short = eqx.tree_at(lambda r: (r.t, r.y), record, tuple(rows))
     return eqx.tree_at(lambda r: r.details, short, record.details | facts)
 
