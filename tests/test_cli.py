@@ -16,8 +16,8 @@ import pytest
 import stepax
 from stepax import FOPDT, PTn, Status
 from stepax._cli import run, set_up_jax
-from stepax._cli_record import EXAMPLES
 from stepax._compare import Comparison, Row
+from stepax._options import EXAMPLES
 from stepax._result import conclude
 from stepax._status import status_name
 from stepax.curves._lookup import Lookup
@@ -358,3 +358,66 @@ def test_example_in_a_shell(tmp_path):
     done = shell("identify", "--example", "heater", "--json", str(data))
     assert done.returncode == 0 and "simulated" in done.stdout
     assert abs(json.loads(data.read_text())["parameters"]["gain"] - 0.8) < 0.01
+
+
+# Options of reading and fitting
+
+
+@pytest.fixture
+def bare(tmp_path):
+    """A log without an input column, of which the step came at 10 s."""
+    t = np.arange(60.0)
+    y = 3 + 2 * np.maximum(0, 1 - np.exp(-(t - 10) / 8)) + 0.01 * np.sin(37 * t)
+    path = tmp_path / "bare.csv"
+    path.write_text("t,y\n" + "".join(f"{a},{b:.4f}\n" for a, b in zip(t, y, strict=True)))
+    return path
+
+
+def test_options_reach_the_reading(capsys, front, bare):
+    said = success(
+        capsys, "identify", bare, "--step-time", "10", "--step-size", "4", "--initial", "3",
+        "--final", "5", "--from", "2", "--to", "50",
+    )  # fmt: skip
+    assert "bare.csv: 49 rows, step of 4 at t = 10" in said and "No input column" not in said
+    assert "tell another" in success(capsys, "identify", bare)
+    assert "step of 4 at t = 10" in success(
+        capsys, "compare", bare, "--step-time", "10", "--step-size", "4"
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--from", "55"], ["fewer than 8 samples from t = 55 to inf: only 5"]),
+        (["--to", "noon"], ["end must be a number", "noon"]),
+        (["--step-time", "99"], ["leaves out t = 99"]),
+        (["--step-size", "0"], ["size that is not 0"]),
+        (["--step-size", "big"], ["--step-size"]),
+    ],
+)
+def test_wrong_options_of_reading(capsys, front, bare, options, words):
+    message = failure(capsys, "identify", bare, *options)
+    assert all(word in message for word in words)
+
+
+def test_options_reach_the_fit(capsys, bare, tmp_path):
+    data = tmp_path / "a.json"
+    told = ["--step-time", "10", "--method", "fopdt_fit", "--json", data]
+    success(capsys, "identify", bare, *told, "--loss", "huber", "--fixed", "delay", "--all-rows")
+    found = json.loads(data.read_text())
+    assert found["parameters"]["delay"] == 0 and found["standard_errors"]["delay"] == 0
+    assert abs(found["parameters"]["T"] - 8) < 0.2 and found["step"] == {"time": 10, "size": 1}
+    for options, words in [
+        (["--loss", "cubes"], "loss must be one of squares, huber, got 'cubes'."),
+        (["--span", "0.2"], "no option 'span'"),
+        (["--fixed", "zeta"], "FOPDT has no parameter 'zeta' to fix; it has T, gain"),
+    ]:
+        assert words in failure(capsys, "identify", bare, *told, *options)
+    said = success(capsys, "identify", bare, "--method", "tangent_63", "--span", "0.2", *told[:2])
+    assert "by tangent_63" in said
+
+
+def test_methods_of_a_comparison(capsys, bare):
+    said = success(capsys, "compare", bare, "--methods", "smith_1972, broida", "--step-time", "10")
+    assert "smith_1972" in said and "broida" in said and "alfaro" not in said
+    assert "Unknown method 'magic'" in failure(capsys, "compare", bare, "--methods", "magic")

@@ -217,6 +217,87 @@ def test_auto_leaves_the_zero_where_there_is_none():
     assert sum(tried(result) != USUAL for result in results) <= 10
 
 
+# Glitches
+
+
+def glitched(plant, noise, seed, rows, size):
+    """A noisy record with some rows far off."""
+    record = noisy(plant, noise, seed)
+    y = np.asarray(record.y).copy()
+    y[rows] += size
+    return StepRecord(GRID, y)
+
+
+LAG = FOPDT(T=1.0, gain=2.0, offset=1.0, delay=0.5)
+
+
+@pytest.mark.parametrize(
+    "rows, size",
+    [
+        ([20, 21], 3.0),
+        ([0, 60, 61, 62, 150], -4.0),
+        (slice(10, 190, 18), 30.0),
+        (range(90, 102), -9),
+    ],
+    ids=["two", "five", "ten large", "a dropout of twelve"],
+)
+def test_auto_is_not_misled_by_glitches(rows, size):
+    """Gain, offset and time to rise are those of the rows without them, but for a bounded pull."""
+    rows = np.arange(GRID.size)[rows]
+    record = glitched(LAG, 0.01, 0, rows, size)
+    result = identify(record)
+    assert int(result.details["glitches"]) == rows.size
+    clean = METHODS["fopdt_fit"](StepRecord(np.delete(GRID, rows), np.delete(record.y, rows)))
+    assert chosen_method(result) in AUTO and "noise_level" in result.details
+    np.testing.assert_allclose(result.model.gain, clean.model.gain, rtol=0.02)
+    np.testing.assert_allclose(result.model.offset, clean.model.offset, atol=0.04)
+    np.testing.assert_allclose(result.predict(GRID), clean.predict(GRID), atol=0.06)
+    assert float(result.details["fit_of_the_rest"]) > 95
+    assert any(f"{rows.size} rows stand out" in note for note in result.notes)
+    assert not any("fit is only" in note for note in result.notes)
+
+
+def test_no_glitches_no_huber():
+    """Nor is it tried for noise, an oscillation or a coarse record, whose reasons are no spikes."""
+    plants = [LAG, SOPDT(zeta=0.15, omega_n=3.0), Sani(T=1.0, r=0.5, n=3)]
+    for plant in plants:
+        for noise in (0.0, 0.02, 0.2):
+            record = noisy(plant, noise, 1)
+            assert "glitches" not in identify(record).details
+    coarse = StepRecord(GRID, np.round(np.asarray(noisy(LAG, 0.02, 0).y) / 0.25) * 0.25)
+    assert "glitches" not in identify(coarse).details
+
+
+def test_a_loss_that_is_given_is_kept():
+    record = glitched(LAG, 0.01, 0, [20, 21], 3.0)
+    result = identify(record, loss="squares")
+    assert "glitches" not in result.details and "noise_level" not in result.details
+
+
+@pytest.mark.skipif(not DATA.exists(), reason="real records are not here")
+def test_the_motor_with_two_glitches():
+    """T within 20 % of the fit with the two rows after the step removed by hand."""
+    record = stepax.read_record(DATA / "dc_motor_glitch.csv", output=4, input="Voltaje (V)")
+    kept = ~np.isin(np.arange(record.t.size), np.flatnonzero(record.t >= record.step_time)[:2])
+    by_hand = identify(
+        StepRecord(record.t[kept], record.y[kept], record.step_time, record.step_size)
+    )
+    result = identify(record)
+    assert int(result.details["glitches"]) == 2
+    for name in ("T", "gain"):
+        expected = float(getattr(by_hand.model, name))
+        assert abs(float(getattr(result.model, name)) - expected) < 0.2 * expected
+
+
+@pytest.mark.skipif(not DATA.exists(), reason="real records are not here")
+@pytest.mark.parametrize("step, moves", [(1, False), (2, True), (3, True)])
+def test_the_staircase_tells_which_steps_begin_in_motion(step, moves):
+    record = stepax.read_record(DATA / "heater_multistep_kelvin.csv", 1, 3, 2, step)
+    notes = " ".join(identify(record, "sopdt_fit").notes)
+    assert ("still moves when the step comes" in notes) == moves
+    assert f"3 steps in the input; this is step {step}" in notes
+
+
 def test_every_detail_is_listed():
     """Their names and meaning stand in `DETAILS`; levels and methods in its patterns."""
     patterns = [re.compile(r"t\d+(_\d+)?$"), re.compile(rf"aicc_({'|'.join(METHODS)})$")]
@@ -225,10 +306,10 @@ def test_every_detail_is_listed():
     results += [identify(record), METHODS["fopdt_fit"](record, loss="huber")]
     names = {name for result in results for name in result.details}
     assert {n for n in names if not any(p.match(n) for p in patterns)} <= set(DETAILS)
-    used = {name for name in DETAILS if "<" not in name}
-    of_files = {"assumed_step", "steps_found"}
-    of_pictures = {"stroke", "stroke_time", "scale_output", "scale_time"}
-    assert used - names == of_files | of_pictures
+    used = list({name: None for name in DETAILS if "<" not in name})
+    of_records = used[: used.index("t<level>") if "t<level>" in used else used.index("Tu")]
+    # of records that were read from files, and of glitches
+    assert set(used) - names == {*of_records, "glitches", "fit_of_the_rest"}
 
 
 def test_unknown_options_of_auto():

@@ -17,7 +17,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from ._cli_record import SIMULATED, read, read_file, trace as trace_picture, with_picture_options
+from ._cli_picture import trace as trace_picture, with_picture_options
+from ._options import (
+    EXAMPLES as EXAMPLES,
+    SIMULATED,
+    AllRows,
+    Example,
+    File,
+    Files,
+    Json,
+    Number,
+    Plot,
+    read,
+    read_file,
+    reads_record,
+    waiting,
+)
 from .report._files import Outputs
 
 
@@ -53,19 +68,6 @@ def _options(
 
 ClickException: type[Exception] = typer.BadParameter.__mro__[2]
 """Wrong usage; newer versions of typer bring their own click, older ones import it."""
-
-File = Annotated[Path | None, typer.Argument(help="CSV, text table or MAT file.")]
-Files = Annotated[
-    list[Path] | None, typer.Argument(help="CSV, text table or MAT file; several, or a folder.")
-]
-Time = Annotated[str | None, typer.Option(help="Column of the time: name, or number from 1.")]
-Output = Annotated[str | None, typer.Option(help="Column of the output.")]
-Input = Annotated[str | None, typer.Option(help="Column of the input, where the step is found.")]
-Step = Annotated[int | None, typer.Option(help="Which step of the input; -1 is the last.")]
-Plot = Annotated[Path | None, typer.Option(help="Write a plot: PNG, PDF, SVG, ...")]
-Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON.")]
-Example = Annotated[str | None, typer.Option(help="Use a record of the package: heater.")]
-Number = float | None
 
 
 def main() -> None:
@@ -162,12 +164,6 @@ def console() -> Console:
     return Console(width=1000, no_color=True, force_terminal=False)
 
 
-def waiting(what: str):
-    """A spinner on stderr, where that is a terminal."""
-    terminal = Console(stderr=True)
-    return terminal.status(what) if terminal.is_terminal else contextlib.nullcontext()
-
-
 def _show(*parts: Any, written: list[Path] = []) -> None:  # noqa: B006 (not changed)
     out = console()
     for part in parts:
@@ -190,40 +186,44 @@ def _heading(record: "StepRecord", example: str | None) -> str:
 
 
 @_command
-@with_picture_options
+@reads_record
 def identify(
+    reading: dict[str, Any],
     files: Files = None,
-    time: Time = None,
-    output: Output = None,
-    input: Input = None,
-    step: Step = None,
     method: Annotated[str, typer.Option(help="See `stepax methods`.")] = "auto",
+    loss: Annotated[str | None, typer.Option(help="Of fits: squares, or huber.")] = None,
+    span: Annotated[Number, typer.Option(help="Of tangents: share of rows to smooth over.")] = None,
+    fixed: Annotated[
+        list[str] | None, typer.Option(help="Of fits: a parameter to hold; may be repeated.")
+    ] = None,
+    all_rows: AllRows = False,
     plot: Plot = None,
     json: Json = None,
     csv: Annotated[Path | None, typer.Option(help="Several files: write the table as CSV.")] = None,
     example: Example = None,
-    **picture: Any,
 ) -> None:
     """Identify a transfer function from a recorded step response, or one from each of several."""
-    columns = {"time": time, "output": output, "input": input, "step": step}
+    options = {"loss": loss, "span": span, "fixed": tuple(fixed) if fixed else None}
+    options = {name: value for name, value in options.items() if value is not None}
+    options |= {"all_rows": True} if all_rows else {}
     if files is not None and (len(files) > 1 or files[0].is_dir()):
         if json or example:
             raise ValueError("Several files give a table: --csv OUT.csv, and --plot FOLDER.")
-        _identify_files(files, columns, picture, method, plot, csv)
+        _identify_files(files, reading, method, options, plot, csv)
     elif csv is not None:
         raise ValueError("--csv is for several files; of one --json has all numbers.")
     else:
-        _identify_file(files[0] if files else None, example, columns, picture, method, plot, json)
+        file = files[0] if files else None
+        _identify_file(file, example, reading, method, options, Outputs(plot, json))
 
 
 def _identify_file(
     file: Path | None,
     example: str | None,
-    columns: dict[str, Any],
-    picture: dict[str, Any],
+    reading: dict[str, Any],
     method: str,
-    plot: Path | None,
-    json: Path | None,
+    options: dict[str, Any],
+    outputs: Outputs,
 ) -> None:
     """One file: the report, a picture, JSON."""
     from ._identify import chosen_method, identify as identify_record
@@ -231,25 +231,24 @@ def _identify_file(
     from .report._content import to_json
     from .report._terminal import report
 
-    outputs = Outputs(plot, json)
     outputs.check(file)
-    record = read(file, example, columns, picture)
+    record = read(file, example, reading)
     with waiting(f"Identifying {record.labels.source} ..."):
-        result = identify_record(record, method)
+        result = identify_record(record, method, **options)
         if bool(refused(result.status)):
             raise ValueError(f"{record.labels.source}: {Status[result.status]}")
         name = chosen_method(result) if method == "auto" else method
         written = outputs.write(result.plot, lambda: to_json(result, name))
     kept = f"{name}, chosen by AICc" if method == "auto" else name
-    said = report(result, kept, columns["step"])
+    said = report(result, kept, reading["step"])
     _show(_heading(record, example), said, written=written)
 
 
 def _identify_files(
     files: list[Path],
-    columns: dict[str, Any],
-    picture: dict[str, Any],
+    reading: dict[str, Any],
     method: str,
+    options: dict[str, Any],
     plots: Path | None,
     csv: Path | None,
 ) -> None:
@@ -264,9 +263,9 @@ def _identify_files(
         raise FileNotFoundError(f"There are no CSV files in {', '.join(map(str, files))}.")
     check_folder(plots)
     check_table(csv, paths)
-    readers = [(str(path), functools.partial(read_file, path, columns, picture)) for path in paths]
+    readers = [(str(path), functools.partial(read_file, path, reading)) for path in paths]
     shown = sys.stderr.isatty()
-    found = Identifications(each_of(readers, method, shown))
+    found = Identifications(each_of(readers, method, shown, options))
     if not any(outcome.has_model for outcome in found.outcomes):
         first = found.outcomes[0]
         raise ValueError(f"No file could be used; {first.source}: {first.reason}")
@@ -275,19 +274,17 @@ def _identify_files(
 
 
 @_command
-@with_picture_options
+@reads_record
 def compare(
+    reading: dict[str, Any],
     file: File = None,
-    time: Time = None,
-    output: Output = None,
-    input: Input = None,
-    step: Step = None,
+    methods: Annotated[str | None, typer.Option(help="Names, by commas; all if not given.")] = None,
+    all_rows: AllRows = False,
     group: Annotated[str, typer.Option(help="all, first, second or nth order.")] = "all",
     kind: Annotated[str, typer.Option(help="Plot: response, bar or pie.")] = "response",
     plot: Plot = None,
     json: Json = None,
     example: Example = None,
-    **picture: Any,
 ) -> None:
     """Identify by all methods and rank the models."""
     from ._compare import check_group, check_kind, compare as compare_methods
@@ -299,10 +296,11 @@ def compare(
     check_kind(kind)
     outputs = Outputs(plot, json)
     outputs.check(file)
-    columns = {"time": time, "output": output, "input": input, "step": step}
-    record = read(file, example, columns, picture)
+    whole: dict[str, Any] = {"all_rows": True} if all_rows else {}
+    names = None if methods is None else [name.strip() for name in methods.split(",")]
+    record = read(file, example, reading)
     with waiting(f"Comparing methods on {record.labels.source} ..."):
-        comparison = compare_methods(record)
+        comparison = compare_methods(record, names, **whole)
         kept = comparison.models(group)
         if not comparison.models():
             raise ValueError(
@@ -314,7 +312,7 @@ def compare(
             lambda: comparison.plot(group, kind),
             lambda: [to_json(row.result, row.method) for row in kept],
         )
-    notes = [f"Note: {text}" for text in notes_of(kept[0].result, step)]
+    notes = [f"Note: {text}" for text in notes_of(kept[0].result, reading["step"])]
     _show(_heading(record, example), comparison_report(comparison, group), *notes, written=written)
 
 

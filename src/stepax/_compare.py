@@ -18,6 +18,7 @@ from .models._abstract import AbstractPlant
 from .models._deviation import squared_deviation
 from .models._notation import transfer_function
 from .records._record import StepRecord, predict
+from .records._thin import thinned
 
 
 if TYPE_CHECKING:
@@ -123,12 +124,15 @@ def compare(
     record: StepRecord,
     methods: Sequence[str] | None = None,
     plant: AbstractPlant | None = None,
+    *,
+    all_rows: bool = False,
 ) -> Comparison:
     r"""Several methods on one record, ranked by J (integral of the squared error).
 
     **Arguments:** `methods`: names, by default all of `METHODS`. `plant`: the true plant, if known
     (a simulation); then J is the integral of the squared deviation from its response from the step
     to infinity, and RMSE and fit count the deviation from it at the times of the record.
+    `all_rows`: as in `identify`.
 
     **Returns:** `Comparison`; equal J are ranked by RMSE. Where a model and the plant settle at
     different levels J to infinity is infinite, and the reason says so. On the host only: traced,
@@ -143,6 +147,7 @@ def compare(
             raise KeyError(f"Unknown method {name!r}; known are {', '.join(METHODS)}.")
     if not names:
         raise ValueError(f"compare needs at least one method; known are {', '.join(METHODS)}.")
+    record = record if all_rows else thinned(record)
     results = _results(record, names)
     rows = [_row(name, results[name], plant) for name in names]
     rows.sort(key=lambda row: (np.isnan(row.J), row.J, row.rmse))
@@ -157,12 +162,14 @@ def _results(record: StepRecord, names: Sequence[str]) -> dict[str, Identificati
     def read() -> dict[str, Identification]:
         found = read_by_all(filled_record(record), together) if together else []
         return {
-            name: dataclasses.replace(x, record=record, details=x.details | record.details)
+            name: dataclasses.replace(
+                x, record=record, details=x.details | record.details, method=name
+            )
             for name, x in zip(together, found, strict=True)
         }
 
     def fit(name: str) -> dict[str, Identification]:
-        return {name: identify(record, name)}
+        return {name: identify(record, name, all_rows=True)}
 
     with quick_compilation():  # what compiles longest begins
         parts = side_by_side([read, *(partial(fit, name) for name in reversed(alone))])

@@ -5,23 +5,28 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
-from ._arrays import Count, Scalar
+from ._arrays import Count, Samples, Scalar
 from ._compilation import compiled, is_traced, quick_compilation, rung, side_by_side
+from ._notes import POOR_FIT
 from ._result import Identification
 from ._status import refused
 from .fitting._certainty import with_record
-from .fitting._fitted import Fitted, aicc
+from .fitting._fitted import Fitted, aicc, fit
 from .fitting._refine import concluded
 from .methods import METHODS
 from .methods._fits import AUTO, CHAINS, WITH_REASON, FitOptions
 from .methods._method import option_names, prepared
 from .models._abstract import AbstractPlant
-from .records._preprocess import window_of
+from .records._glitches import MOST, are_glitches, outliers, spikes
+from .records._preprocess import quantisation, window_of
 from .records._record import StepRecord, compact, padded_record, predict, with_weights
 from .records._signs import Signs, signs
+from .records._thin import thinned
 
 
 AUTO_OPTIONS = (*FitOptions.__annotations__, "orders")
@@ -39,10 +44,14 @@ def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identi
         order with a zero is tried too where the output first moves the wrong way or overshoots
         without oscillation, an integrator where it ends as a ramp; the former is kept if its AICc
         is better by more than 10, the latter also if it is as good as that of a model whose gain
-        would be extrapolated to more than twice what was seen. `.details` holds `aicc_<method>` of
-        each that was tried, the signs in the record, and `chosen` (`chosen_method`).
+        would be extrapolated to more than twice what was seen. Where rows stand out as glitches
+        do, or the fit is poor, Huber's loss is tried and kept if it explains the other rows clearly
+        better (`glitches` in `.details`), unless `loss` is given. `.details` holds `aicc_<method>`
+        of each that was tried, the signs in the record, and `chosen` (`chosen_method`).
     - `options`: passed to the method; see its docstring. "auto" takes those of `refine`, and
-        `orders` for the chains.
+        `orders` for the chains. `all_rows=True`: a record of more than 4000 rows, which is averaged
+        over equal spans of time otherwise (the result's `record`), is used as it is, as it is too
+        with `weights`.
 
     **Returns:** `Identification`. What is wrong with the values of the record is in its `.status`.
     A named method is clean under `jit`, `vmap` and `grad`; "auto" chooses between classes on the
@@ -62,10 +71,14 @@ def identify_filled(
     """`identify` for a ladder of lengths that records are filled up to."""
     if method != "auto" and method not in METHODS:
         raise KeyError(f"Unknown method {method!r}; known are auto, {', '.join(METHODS)}.")
+    options = dict(options)
+    all_rows = options.pop("all_rows", False)
     if method != "auto" and is_traced((record, options)):
         result = METHODS[method](record.plain, **options)
     else:
         refuse_tracers(record, 'identify(method="auto")')
+        if not all_rows and options.get("weights") is None:
+            record = thinned(record)
         known = AUTO_OPTIONS if method == "auto" else option_names(METHODS[method])
         options = prepared(method, known, record, options)
         check_length(record, options)
@@ -113,15 +126,9 @@ def _identify_auto(
     record: StepRecord, errors: bool = True, orders: tuple[int, ...] | None = None, **options: Any
 ) -> Identification:
     """Of a filled record; the searches compile side by side."""
-    names = sorted(AUTO, key=lambda name: name != "sani_fit")  # what takes longest begins
-    searched = {name: _searched_long if name == "sani_fit" else _searched for name in names}
     chains = {} if orders is None else {"orders": orders}
-    asked = {name: options | chains if name in CHAINS else options for name in names}
-    tasks = [partial(searched[name], AUTO[name], record, asked[name]) for name in names]
-    *found, seen = side_by_side([*tasks, partial(_signs, record)])
-    found = dict(zip(names, found, strict=True))
-    fits: dict[str, Fitted] = {name: found[name][0] for name in AUTO}
-    scores = {name: float(found[name][1]) for name in AUTO}
+    asked = {name: options | chains if name in CHAINS else options for name in AUTO}
+    fits, scores, seen = _search_all(record, asked)
     best = min(scores, key=scores.__getitem__)
     reasons = {
         "sopdt_zero_fit": bool(seen.wrong_way) or bool(seen.lone_overshoot),
@@ -132,11 +139,89 @@ def _identify_auto(
             fits[name], score = _searched(search, record, options)
             scores[name] = float(score)
     chosen = _kept(record, fits[best], scores, best)
-    result = _concluded(fits[chosen], record, errors)
+    result, residual = _concluded(fits[chosen], record, errors)
+    result = dataclasses.replace(result, method=chosen)
+    if "loss" not in options:
+        poor = not float(result.fit_percent) > POOR_FIT
+        if poor or spikes(_counted(fits[chosen], residual))[0].any():
+            kept = _without_glitches(record, fits[chosen], residual, asked, poor)
+            if kept is not None:
+                chosen, scores, robust, facts = kept
+                result, _ = _concluded(robust, record, errors)
+                result = dataclasses.replace(result, method=chosen, details=result.details | facts)
     details = {f"aicc_{name}": np.asarray(score) for name, score in scores.items()}
     details |= seen._asdict() | {"chosen": np.asarray(_CANDIDATES.index(chosen))}
     details = {name: jnp.asarray(x) for name, x in details.items()}
     return dataclasses.replace(result, details=result.details | details)
+
+
+def _search_all(
+    record: StepRecord, asked: dict[str, dict[str, Any]]
+) -> tuple[dict[str, Fitted], dict[str, float], Signs]:
+    """The fit of each family, its score, and the signs in the record."""
+    names = sorted(AUTO, key=lambda name: name != "sani_fit")  # what takes longest begins
+    searched = {name: _searched_long if name == "sani_fit" else _searched for name in names}
+    tasks = [partial(searched[name], AUTO[name], record, asked[name]) for name in names]
+    *fits, seen = side_by_side([*tasks, partial(_signs, record)])
+    found = dict(zip(names, fits, strict=True))
+    scores = {name: float(found[name][1]) for name in AUTO}
+    return {name: found[name][0] for name in AUTO}, scores, seen
+
+
+def _counted(fit: Fitted, rows: Any) -> np.ndarray:
+    """Of one value a row, those of the rows that a fit counts."""
+    return np.asarray(rows)[np.asarray(fit.problem.weights) > 0]
+
+
+def _without_glitches(
+    record: StepRecord,
+    squares: Fitted,
+    residual: Samples,
+    asked: dict[str, dict[str, Any]],
+    poor: bool,
+) -> tuple[str, dict[str, float], Fitted, dict[str, Array]] | None:
+    """Families fitted with Huber's loss, where that explains the bulk of the rows better.
+
+    They start from what the squares give without the spikes. The name of the best, AICc of each
+    over the rows that do not stand out, the fit, and details; None where the fit by squares is
+    kept. `residual`: of its rows, over the range; `poor`: whether it misses the response.
+    """
+    safe = squares.problem.record
+    unit, y, away = (
+        float(squares.problem.range),
+        _counted(squares, safe.y),
+        _counted(squares, residual),
+    )
+    stand, by = spikes(y / unit)
+    if not stand.any():  # small ones on a slope stand out of a model alone
+        stand, by = spikes(away)
+    clean = np.array(safe.y)
+    clean[np.flatnonzero(squares.problem.weights)[stand]] -= unit * by[stand]
+    starts, *_ = _search_all(eqx.tree_at(lambda r: r.y, safe, jnp.asarray(clean)), asked)
+    tasks = [partial(_robust, record, starts[name], asked[name]) for name in AUTO]
+    tried = dict(zip(AUTO, side_by_side(tasks), strict=True))
+    fits = {name: fit for name, (fit, _) in tried.items() if not bool(refused(fit.status))}
+    if not fits:
+        return None
+    rows = {name: _counted(squares, tried[name][1]) for name in fits}
+    noise = {name: float(fit.noise_level) / unit for name, fit in fits.items()}
+    sharpest = min(noise, key=noise.__getitem__)
+    out = outliers(rows[sharpest], noise[sharpest], float(quantisation(jnp.asarray(y))) / unit)
+
+    def score(away: np.ndarray, parameters: Count) -> float:
+        square = jnp.asarray(np.sum(away[~out] ** 2))
+        return float(aicc(square, int(np.sum(~out)), int(parameters)))
+
+    scores = {name: score(rows[name], fit.parameters) for name, fit in fits.items()}
+    best = min(scores, key=scores.__getitem__)
+    better = score(away, squares.parameters) - scores[best] > CLEARLY_BETTER
+    if not better or not (are_glitches(out) or (poor and 0 < out.mean() <= MOST)):
+        return None
+    after = _counted(squares, safe.after_step) & ~out
+    spread = np.linalg.norm(y[after] - y[after].mean())
+    percent = 100 * (1 - unit * np.linalg.norm(rows[best][after]) / spread)
+    details = {"glitches": jnp.asarray(out.sum()), "fit_of_the_rest": jnp.asarray(percent)}
+    return best, scores, fits[best], details
 
 
 _CANDIDATES = (*AUTO, *WITH_REASON)
@@ -171,8 +256,20 @@ _searched, _searched_long = compiled(_search), compiled(_search, effort=1)
 
 
 @compiled
-def _concluded(fitted: Fitted, record: StepRecord, errors: bool) -> Identification:
-    return concluded(fitted, record, errors)
+def _robust(record: StepRecord, start: Fitted, options) -> tuple[Fitted, Samples]:
+    """The fit with Huber's loss from that of a family by squares, and its residuals."""
+    model, _ = start.problem.plant(start.x)
+    options = {name: value for name, value in options.items() if name != "orders"}
+    fitted = fit(record, model, **options, loss="huber")
+    fitted = dataclasses.replace(fitted, parameters=start.parameters)  # an order among them
+    return fitted, fitted.problem.errors(fitted.x)
+
+
+@compiled
+def _concluded(fitted: Fitted, record: StepRecord, errors: bool) -> tuple[Identification, Samples]:
+    """The result, and the residuals over the range, which cost nothing here."""
+    _, g = fitted.problem.plant(fitted.x)
+    return concluded(fitted, record, errors), fitted.problem.errors(fitted.x, g)
 
 
 @compiled

@@ -1,11 +1,10 @@
 """What to mind about a result, in sentences; host code."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from ._result import Identification
 from ._status import Status
 from .models._notation import number
 from .records._labels import Units
@@ -17,23 +16,40 @@ POOR_FIT = 80.0
 # model that misses the shape does not. `test_what_is_uncertain_is_named` would notice.
 
 
-def notes_of(result: Identification, step: int | None = None) -> list[str]:
+@runtime_checkable
+class Identified(Protocol):
+    """What an `Identification` tells of itself to those who put it into words."""
+
+    model: Any
+    status: Any
+    method: Any
+    rmse: Any
+    J: Any
+    fit_percent: Any
+    std: Any
+    free: Any
+    details: Any
+    record: Any
+
+
+def notes_of(result: Identified, step: int | None = None) -> list[str]:
     """What a user should know about a result, each in one sentence."""
     details = {**result.record.details, **result.details}
+    units = Units.of(result.record.labels)
     sentences = []
     if result.status != Status.successful:
         sentences.append(Status[result.status])
-    if float(result.fit_percent) < POOR_FIT:
-        sentences.append(
-            f"The fit is only {number(result.fit_percent)} %: look at the plot before using it."
-        )
+    fit = details.get("fit_of_the_rest", result.fit_percent)
+    if float(fit) < POOR_FIT:
+        sentences.append(f"The fit is only {number(fit)} %: look at the plot before using it.")
     sentences += _about_parameters(result, details)
-    sentences += _about_the_step(details, step)
-    sentences += _about_residuals(details, Units.of(result.record.labels).output)
+    sentences += _about_the_step(result, details, units, step)
+    sentences += _about_the_rows(details, units.time)
+    sentences += _about_residuals(result, details, units.output)
     return list(dict.fromkeys(sentences))
 
 
-def _about_parameters(result: Identification, details: dict[str, Any]) -> Iterator[str]:
+def _about_parameters(result: Identified, details: dict[str, Any]) -> Iterator[str]:
     """Parameters that the record does not determine, or that ended on a bound."""
 
     def named(detail: str, wanted: bool) -> list[str]:
@@ -52,28 +68,87 @@ def _about_parameters(result: Identification, details: dict[str, Any]) -> Iterat
         yield f"At the end of its range: {', '.join(bounded)}."
 
 
-def _about_the_step(details: dict[str, Any], step: int | None) -> Iterator[str]:
-    """Where the step was found, or what was assumed."""
+def _about_the_step(
+    result: Identified, details: dict[str, Any], units: Units, step: int | None
+) -> Iterator[str]:
+    """Where the step was found, or what was assumed; whether it began at rest."""
     found = details.get("steps_found")  # a record from arrays says nothing of it
-    if found is not None and int(found) == 0:
+    if _holds(details, "input_without_step"):
+        yield "The column that is left has no step in it and is not taken for the input."
+    if found is not None and int(found) == 0 and not _holds(details, "step_told"):
         yield (
             "No input column: the step is taken to be at t = 0 with size 1, and gain and dead time"
-            " refer to that."
+            " refer to that; --step-time and --step-size tell another."
         )
-    if _holds(details, "assumed_step"):
+    if _holds(details, "assumed_step") and not _holds(details, "step_told"):
         yield "The input is constant from its first row: taken as a step from 0 at that row."
     if found is not None and int(found) > 1:
-        chosen = 1 if step is None else step if step > 0 else int(found) + 1 + step
-        choose = ": choose with --step" if step is None else ""
+        asked = 1 if step is None else step if step > 0 else int(found) + 1 + step
+        chosen = int(details.get("step_taken", asked))
+        choose = ": choose with --step" if step is None and chosen == 1 else ""
         yield f"{int(found)} steps in the input; this is step {chosen}{choose}."
+    if _holds(details, "drift"):
+        known = f"{units.output}/{units.time}" if units.output and units.time else ""
+        slope = with_unit(details["drift"], known or "per unit of time")
+        yield (
+            f"The output still moves when the step comes, by {slope}: the model takes that for a"
+            " part of the response. Take a step that begins at rest (--step), or wait longer"
+            " before it."
+        )
+    if _holds(details, "begins_late") and result.record.initial is None:
+        yield (
+            f"The record begins {with_unit(details['begins_late'], units.time)} after the step:"
+            " the level before it is extrapolated. Give it with --initial if it is known."
+        )
 
 
-def _about_residuals(details: dict[str, Any], unit: str) -> Iterator[str]:
-    """Quantised data and correlated residuals."""
-    if _holds(details, "quantised"):
-        width = details.get("quantisation")
-        steps = "" if width is None else f", in steps of {with_unit(width, unit)}"
-        yield f"The output is quantised{steps}."
+def _about_the_rows(details: dict[str, Any], unit: str) -> Iterator[str]:
+    """What was done with the rows of a log."""
+    if _holds(details, "time_stamps"):
+        began = details.get("began")
+        first = "" if began is None else f", {stamp_of(float(began))}"
+        yield f"The time stamps became seconds since the first row{first}."
+    if count := _count(details, "rows_left_out"):
+        yield f"{_rows(count)} without a value {_are(count)} left out."
+    if count := _count(details, "rows_averaged"):
+        yield f"{_rows(count)} share their time stamp with a neighbour: such rows are averaged."
+    if count := _count(details, "rows_before_rest"):
+        yield (
+            f"{_rows(count)} before the step {_are(count)} left out: the output was not yet at"
+            " rest in them."
+        )
+    if count := _count(details, "rows_thinned"):
+        yield (
+            f"{_rows(count)} are averaged over equal spans of"
+            f" {with_unit(details['span_of_average'], unit)}, and RMSE and fit are those of the"
+            " means; --all-rows uses each row."
+        )
+    if _holds(details, "thinned_coarsely"):
+        yield (
+            "These spans are long beside the response: cut the log with --from and --to for a"
+            " finer model."
+        )
+
+
+def _about_residuals(result: Identified, details: dict[str, Any], unit: str) -> Iterator[str]:
+    """Glitches, quantised data and correlated residuals."""
+    if count := _count(details, "glitches"):
+        yield (
+            f"{_rows(count)} {'stands' if count == 1 else 'stand'} out of the rest as glitches do:"
+            " Huber's loss bounds their pull on the model. Without them the fit is"
+            f" {number(details['fit_of_the_rest'])} %."
+        )
+    phi = float(details.get("residual_autocorrelation", 0.0))
+    # What a row adds to what the one before tells: beyond 0.58 of a step, half a step of noise
+    # beside the error of rounding, noise makes rounding one more white noise.
+    noise = float(result.rmse) * max(0.0, 1 - phi**2) ** 0.5
+    width = float(details.get("quantisation", np.nan))
+    if _holds(details, "quantised") and not noise > 0.58 * width:
+        steps = f" in steps of {with_unit(width, unit)}" if width == width else ""
+        yield (
+            f"The output is quantised{steps}, which its noise does not hide: the intervals leave"
+            " the error of rounding out."
+        )
     if _holds(details, "residuals_correlated"):
         lag = details.get("residual_autocorrelation")
         amount = "" if lag is None else f" (autocorrelation {number(lag, 2)} from row to row)"
@@ -84,11 +159,29 @@ def _about_residuals(details: dict[str, Any], unit: str) -> Iterator[str]:
         )
 
 
+def stamp_of(seconds: float) -> str:
+    """A date and time of day from seconds since 1970, to the millisecond where there are any."""
+    text = str(np.datetime64(round(seconds * 1000), "ms")).replace("T", " ")
+    return text.removesuffix(".000")
+
+
+def _count(details: dict[str, Any], name: str) -> int:
+    return int(details.get(name, 0))
+
+
+def _rows(count: int) -> str:
+    return "1 row" if count == 1 else f"{count} rows"
+
+
+def _are(count: int) -> str:
+    return "is" if count == 1 else "are"
+
+
 def _holds(details: dict[str, Any], name: str) -> bool:
     return bool(np.any(np.asarray(details.get(name, False))))
 
 
-def free_names(result: Identification) -> list[tuple[str, str]]:
+def free_names(result: Identified) -> list[tuple[str, str]]:
     """Free parameters: the field, and the name that a report shows; the third lag is "lag 3"."""
     free = [scalar for scalar in result.model.scalars if scalar.label in result.free]
     return [(x.name, x.name if x.place is None else f"lag {x.place + 1}") for x in free]

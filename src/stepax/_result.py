@@ -1,17 +1,25 @@
 """What every method returns: a status, and an identified model with its quality."""
 
+import json
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array
 
 from ._arrays import Samples, Scalar, nan_where, safe_sqrt
-from ._status import Status, refused
+from ._compilation import is_traced
+from ._notes import notes_of
+from ._status import Status, refused, status_name
 from .models._abstract import AbstractPlant
 from .models._notation import number, transfer_function, transfer_function_text
 from .records._labels import unit_of
 from .records._record import StepRecord, compact, predict, scaled
+from .summary._intervals import LEVEL, interval
+from .summary._json import to_json
+from .summary._layout import as_html, as_text
 
 
 DETAILS = {
@@ -23,6 +31,20 @@ DETAILS = {
     "stroke_time": "of the place of the axis of time, in units of time",
     "scale_output": "of the scale of the output, relative",
     "scale_time": "of the scale of time, relative",
+    "step_taken": "which of them, from 1",
+    "step_told": "time or size of the step were given",
+    "input_without_step": "the column left for the input has no step and is not used",
+    "drift": "slope of the output before the step, where it still moves",
+    "begins_late": "time from the step to the first row, where that comes later",
+    "rows_used": "how many rows of the file are the record",
+    "rows_before_rest": "rows before the step that were left out, the plant not being at rest",
+    "rows_left_out": "rows left out for want of a value",
+    "rows_averaged": "rows that shared their time stamp with a neighbour",
+    "time_stamps": "the times were dates or clock times",
+    "began": "date of the first row, in seconds since 1970",
+    "rows_thinned": "rows of a long record before they were averaged over spans of time",
+    "span_of_average": "length of such a span",
+    "thinned_coarsely": "whether few spans cover the response",
     # what point methods read, times from the step; levels in percent as t33, t35_3
     "t<level>": "time at which the response reaches a level",
     "Tu": "time from the step to where the tangent leaves the initial level",
@@ -45,6 +67,7 @@ DETAILS = {
     "parameters": "how many were found from the record, a chosen order among them",
     "aicc": "Akaike's criterion, corrected",
     "noise_level": "noise that Huber's loss goes by, in output units",
+    "degrees_of_freedom": "rows less parameters; of correlated residuals the rows that tell more",
     # of its standard errors
     "residual_autocorrelation": "from row to row; 0 where it is not significant",
     "residuals_correlated": "whether it is",
@@ -55,6 +78,8 @@ DETAILS = {
     # of method="auto"
     "aicc_<method>": "Akaike's criterion of each family that was tried",
     "chosen": "which of them was kept",
+    "glitches": "rows that stand out, where Huber's loss was kept for them",
+    "fit_of_the_rest": "fit in percent over the other rows from the step on",
     "wrong_way": "sign in the record: it moves away from its end first",
     "lone_overshoot": "sign in the record: an overshoot that is no oscillation",
     "unsettled": "sign in the record: it ends as a ramp",
@@ -72,6 +97,10 @@ class Identification(eqx.Module):
     - `std`: standard error by parameter name; 0 if the parameter was fixed, NaN where the method
         has none. `covariance`: of the parameters named in `free`, in that order.
     - `details`: further arrays by name; `DETAILS` lists them.
+    - `method`: name of the method; of "auto" the one that was kept.
+
+    A result speaks: `print(result)` and notebooks show `summary()`. One that holds tracers or a
+    batch shows its PyTree.
     """
 
     model: Any  # a plant, whose class depends on the method
@@ -84,14 +113,52 @@ class Identification(eqx.Module):
     free: tuple[str, ...] = eqx.field(static=True)
     details: dict[str, Array]
     record: StepRecord
+    method: str = eqx.field(static=True, default="")
 
     def predict(self, t) -> Samples:
         """Modelled output at times `t` of the record's time axis."""
         return predict(self.model, self.record, t)
 
     def show_model(self, style: str = "text") -> str:
-        """The transfer function as "text" or "latex", without the offset."""
+        """The transfer function, without the offset: as "text" or "latex", or as code to paste.
+
+        "matlab": for the Control System Toolbox, with the dead time; "python-control": for that
+        package, the dead time as a Pade approximation of order 3.
+        """
         return transfer_function(self.model, style)
+
+    def summary(self) -> str:
+        """What the command prints: record, model, parameters with intervals, quality and notes."""
+        return as_text(self)
+
+    @property
+    def notes(self) -> list[str]:
+        """What to mind about this result, each in one sentence."""
+        return notes_of(self)
+
+    def interval(self, name: str, level: float = LEVEL) -> tuple:
+        """Lower and upper end of a parameter's confidence interval, by Student's t.
+
+        `name`: as in `.std`, or one lag of several, such as "lags[1]". A parameter that was fixed
+        has an interval of no width; NaN where the method has no standard error.
+        """
+        return interval(self, name, level)
+
+    def to_json(self) -> str:
+        """All numbers, intervals and notes as JSON text, as the command's `--json` writes them."""
+        return json.dumps(to_json(self), indent=2, ensure_ascii=False, allow_nan=False)
+
+    def __repr__(self) -> str:
+        if not _is_one(self):
+            return eqx.tree_pformat(self)
+        about = ", ".join(filter(None, [self.method, f"fit {number(self.fit_percent)} %"]))
+        return f"Identification({self.model!r}, {about}, {status_name(self.status)})"
+
+    def __str__(self) -> str:
+        return self.summary() if _is_one(self) else eqx.tree_pformat(self)
+
+    def _repr_html_(self) -> str | None:
+        return as_html(self) if _is_one(self) else None
 
     def plot(self, *, title: str | None = None, size: tuple[float, float] = (8.0, 5.0)):
         """Record, model and residuals as a matplotlib figure; `size` in inches.
@@ -143,6 +210,13 @@ def conclude(
         details={} if details is None else details,
         record=record,
     )
+
+
+def _is_one(result: Identification) -> bool:
+    """Whether a result is that of one record and concrete: neither a batch nor being traced."""
+    numbers = (result.rmse, result.J, result.fit_percent, result.status._value)
+    arrays = all(isinstance(x, jax.Array | np.ndarray) and x.ndim == 0 for x in numbers)
+    return arrays and not is_traced(result)
 
 
 def _title(result: Identification) -> str:

@@ -26,7 +26,7 @@ class Status(eqx.Enumeration):
     nonfinite_data = "The record holds NaN or infinite values."
     time_not_increasing = "The times of the record do not increase strictly."
     too_few_samples = "The record has fewer than 8 samples from the step on."
-    step_outside_record = "The step lies outside the times of the record."
+    step_outside_record = "The step lies after the last row of the record."
     no_step = "The input does not step: its step size is 0."
     constant_output = "The output does not change after the step."
     levels_not_crossed = "The response does not cross all levels that the method reads."

@@ -5,10 +5,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy import stats
 from scipy.optimize import curve_fit
 from tests.fits import COMPILED, START, STEP_SIZE, STEP_TIME, TRUE, T, simulated
 
-from stepax import FOPDT, SOPDT, Status, StepRecord, refine
+from stepax import FOPDT, METHODS, SOPDT, Status, StepRecord, refine
+from stepax.fitting._certainty import student_95
 from stepax.fitting._fitted import aicc
 from stepax.records._record import predict
 
@@ -111,6 +113,79 @@ def test_what_a_record_does_not_tell():
     result = COMPILED(simulated(creeping, noise=0.1), START["SOPDT"])
     told = dict(zip(result.free, np.asarray(result.details["identifiable"]), strict=True))
     assert not told["zeta"] and told["gain"]
+
+
+def test_students_quantile():
+    freedom = jnp.array([3.0, 4.0, 6.0, 8.0, 20.0, 1e6])
+    exact = stats.t.ppf(0.975, np.asarray(freedom))
+    found = jax.vmap(student_95)(freedom)
+    np.testing.assert_allclose(found, exact, rtol=2e-3)
+    np.testing.assert_allclose(found[2:], exact[2:], rtol=1e-4)
+
+
+def test_negative_correlation_makes_no_error_smaller():
+    """Residuals that alternate: the usual formula, and no word of correlation."""
+    record = simulated(PLANT)
+    wave = 0.05 * (-1.0) ** np.arange(T.size)
+    result = COMPILED(eqx.tree_at(lambda r: r.y, record, record.y + wave), START["FOPDT"])
+    assert float(result.details["residual_autocorrelation"]) == 0
+    assert not result.details["residuals_correlated"]
+    found = jacobian(result)
+    variance = float(jnp.sum((result.record.y - result.predict(T)) ** 2)) / (T.size - 4)
+    usual = np.sqrt(variance * np.diag(np.linalg.inv(found.T @ found)))
+    np.testing.assert_allclose([result.std[name] for name in result.free], usual, rtol=1e-5)
+
+
+def few_rows(family, rows, count, noise=0.02):
+    """Errors over standard errors of simulated records of few rows, and how many are successful."""
+    plant, method = TRUE[family], METHODS[f"{family.lower()}_fit"]
+    t = jnp.linspace(0.0, 45.0, rows)
+    clean = plant.step_response(t - STEP_TIME)
+
+    def one(key):
+        y = clean + 2 * noise * jax.random.normal(key, t.shape)
+        result = method(StepRecord(t, y, STEP_TIME, 1.0))
+        away = {name: getattr(result.model, name) - getattr(plant, name) for name in result.std}
+        return away, result.std, result.status == Status.successful
+
+    keys = jax.random.split(jax.random.key(1), count)
+    return jax.jit(lambda keys: jax.lax.map(one, keys, batch_size=50))(keys)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("rows", [10, 12, 20])
+@pytest.mark.parametrize("family", ["FOPDT", "SOPDT"])
+def test_intervals_of_few_rows_cover_the_truth(family, rows):
+    away, std, usual = few_rows(family, rows, 1000)
+    usual = np.asarray(usual)
+    half = stats.t.ppf(0.975, rows - len(std))
+    shares = {
+        name: np.mean(np.abs(np.asarray(away[name]))[usual] <= half * np.asarray(std[name])[usual])
+        for name in std
+    }
+    print(f"\n{family}, {rows} rows: {100 * usual.mean():.1f} % successful:", end=" ")
+    print(", ".join(f"{name} {100 * share:.1f} %" for name, share in shares.items()))
+    assert usual.mean() > 0.95
+    assert all(0.92 <= share <= 0.97 for share in shares.values())
+
+
+@pytest.mark.parametrize("late, delay", [(1.0, 2.0), (3.0, 2.0), (1.0, 0.0), (1.0, 0.5)])
+@pytest.mark.parametrize("initial", [None, 5.0])
+def test_a_record_that_begins_after_the_step(late, delay, initial):
+    """A known level tells all; without it no dead time that ended before the first row is told."""
+    t = np.arange(late, 60.0)
+    noise = 0.01 * np.random.default_rng(0).standard_normal(t.size)
+    y = 5 + 8 * (1 - np.exp(-np.maximum(t - delay, 0) / 8)) + noise
+    result = METHODS["fopdt_fit"](StepRecord(t, y, 0.0, 4.0, initial=initial))
+    np.testing.assert_allclose(result.model.T, 8, rtol=0.02)
+    if initial is not None or delay > late:
+        assert bool(result.status == Status.successful)
+        np.testing.assert_allclose(result.model.delay, delay, atol=0.05)
+        np.testing.assert_allclose(result.model.gain, 2, rtol=0.01)
+    else:
+        told = dict(zip(result.free, np.asarray(result.details["identifiable"]), strict=True))
+        assert bool(result.status == Status.not_identifiable) and float(result.model.delay) == 0
+        assert not told["gain"] and not told["offset"] and told["T"]
 
 
 @pytest.mark.long

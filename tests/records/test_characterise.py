@@ -334,7 +334,7 @@ def refused_records():
         "time_not_increasing": [(back, y, *rest), (t[::-1], y, *rest)],
         "constant_output": [(t, 0 * y + 4, *rest)],
         "no_step": [(t, y, 0.0, 0.0, *rest[2:])],
-        "step_outside_record": [(t, y, 100.0, *rest[1:]), (t, y, -1.0, *rest[1:])],
+        "step_outside_record": [(t, y, 100.0, *rest[1:])],
         "too_few_samples": [(t, y, t[-5], *rest[1:])],
     }
 

@@ -116,11 +116,13 @@ def test_without_input_every_row_is_kept(tmp_path):
     "columns",
     [
         {"time": "Time", "output": "Output", "input": "Input"},
-        {"time": 1, "output": 2, "input": 0},
-        {"time": np.int64(1), "output": "3", "input": "1"},
+        {"time": 2, "output": 3, "input": 1},
+        {"time": np.int64(2), "output": "3", "input": "1"},
         {"output": "output", "input": " INPUT "},
         {"input": "Input"},
-        {"time": "Time", "input": 0},
+        {"time": "Time", "input": 1},
+        {"output": "Output"},
+        {"time": "Time", "output": "Output"},
     ],
 )
 def test_columns_by_name_position_and_number(tmp_path, columns):
@@ -307,9 +309,13 @@ def _set(frame, row, column, cell):
 
 
 ERRORS = {
-    "text cell": (changed(15, "Output", "abc"), "'Output' of record.csv has 'abc' in line 17,"),
+    "text cells": (
+        changed(slice(15, 19), "Output", "abc"),
+        "'Output' of record.csv has 'abc' in line 17, where a finite number is needed."
+        " 5 of 40 rows lack one, more than a tenth.",
+    ),
     "empty": (
-        changed(3, "Output", ""),
+        changed(slice(3, 7), "Output", ""),
         "'Output' of record.csv has an empty or NaN cell in line 5,",
     ),
     "NaN": (changed(3, "Input", "NaN"), "'Input' of record.csv has 'NaN' in line 5,"),
@@ -317,7 +323,7 @@ ERRORS = {
     "text time": (changed(8, "Time", "x1"), "'Time' of record.csv has 'x1' in line 10,"),
     "no time": (changed(slice(None), "Time", "x1"), "'Time' of record.csv has 'x1' in line 2,"),
     "after comments": (
-        "#\n\n" + changed(3, "Output", "a"),
+        "#\n\n" + changed(slice(3, 8), "Output", "a"),
         "'Output' of record.csv has 'a' in line 7,",
     ),
     "times": (
@@ -336,7 +342,10 @@ ERRORS = {
         header() + rows() + '9,9,"9\n',
         "Line 42 of record.csv does not fit a table of 3 columns: '9,9,\"9'.",
     ),
-    "short line": (header() + rows() + "99,9\n", "has an empty or NaN cell in line 42,"),
+    "short lines": (
+        header() + rows() + "99,9\n" * 5,
+        "has an empty or NaN cell in line 42,",
+    ),
     "few rows": (header() + rows(columns=(T[:7], U[:7], Y[:7])), "fewer than 8 samples: only 7."),
     "no rows": (header(), "record.csv has a header but no rows of data."),
     "only comments": ("# a\n#b\n", "record.csv has no rows of data."),
@@ -355,7 +364,18 @@ ERRORS = {
         rows(columns=(T, T > 8.1, Y)),
         "'3' of record.csv has fewer than 8 samples from step 1 of 1 at t = 8.25 to t = 9.75:",
     ),
-    "no zero time": (rows(columns=(T + 1, Y)), "goes from t = 1 to 10.75, which leaves out t = 0"),
+    "no zero time": (
+        rows(columns=(T + 10, Y)),
+        "goes from t = 10 to 19.75, which leaves out t = 0",
+    ),
+    "before zero": (
+        rows(columns=(T - 11, Y)),
+        "goes from t = -11 to -1.25, which leaves out t = 0",
+    ),
+    "one time": (
+        rows(columns=(0 * T, U, Y)),
+        "The time '1' of record.csv does not increase: it is 0 in line 1 and 0 in line 2.",
+    ),
     "four columns": (
         "a,b,c,d\n" + rows(columns=(T, U, Y, Y)),
         "Name the columns of record.csv to use; it has: 'a', 'b', 'c', 'd'.",
@@ -382,7 +402,8 @@ def test_sentence_for_wrong_content(tmp_path, name):
             KeyError,
             "record.csv has no column with data 'T9'; it has: ",
         ),
-        ({"output": 3}, KeyError, "no column with data 3;"),
+        ({"output": 4}, KeyError, "no column with data 4;"),
+        ({"output": 0}, KeyError, "no column with data 0;"),
         ({"output": -1}, KeyError, "no column with data -1;"),
         ({"output": "0"}, KeyError, "no column with data '0';"),
         ({"output": "output"}, KeyError, "several columns 'output';"),
@@ -390,7 +411,12 @@ def test_sentence_for_wrong_content(tmp_path, name):
         ({"output": True}, TypeError, ""),
         ({"output": "Output", "input": "Output"}, ValueError, "is named twice"),
         ({"time": "Time"}, ValueError, "Name the columns of record.csv to use; it has:"),
-        ({"output": "Output", "step": 1}, ValueError, "step=1 needs an input"),
+        ({"output": "Output", "step": 1, "step_time": 0}, ValueError, "step=1 needs an input"),
+        ({"input": "Input", "step_time": 0}, ValueError, "tells the step: leave out the input"),
+        ({"step_time": 99}, ValueError, "to 9.75, which leaves out t = 99."),
+        ({"step_size": 0}, ValueError, "needs a size that is not 0, got 0."),
+        ({"step_time": "noon"}, ValueError, "step_time must be a number, got 'noon'."),
+        ({"begin": 9}, ValueError, "fewer than 8 samples from t = 9 to inf: only 4."),
         ({"step": 0}, ValueError, "has no step 0: there is 1, at t = 2.5."),
         ({"step": -2}, ValueError, "has no step -2: there is 1, at t = 2.5."),
         ({"step": True}, TypeError, "step must be a whole number"),
@@ -428,7 +454,7 @@ def test_sentence_for_wrong_data_frames():
     with pytest.raises(
         ValueError, match=r"'Output' of DataFrame has an empty or NaN cell in row 6,"
     ):
-        read_record(TUY.assign(Output=np.where(AFTER == -5, np.nan, Y)))
+        read_record(TUY.assign(Output=np.where((-5 <= AFTER) & (AFTER < 0), np.nan, Y)))
     with pytest.raises(ValueError, match=r"'Output' of DataFrame has .* in row 1, where a finite"):
         read_record(TUY.assign(Output=Y + 1j))
     with pytest.raises(ValueError, match="DataFrame has fewer than 8 samples: only 0"):

@@ -64,7 +64,7 @@ def test_warnings():
     assert sentences[0] == Status[Status.not_settled] and len(sentences) == 5
     assert "3 steps in the input; this is step 1: choose with --step." in sentences
     assert "3 steps in the input; this is step 3." in notes_of(result, -1)
-    assert any("0.32 degC" in text for text in sentences)
+    assert any("0.32 degC, which its noise does not hide" in text for text in sentences)
     assert any("0.93" in text for text in sentences)
     assert notes_of(identification(FOPDT(T=10.0, gain=5.0, offset=20.0))) == []
     assert "Note: " + sentences[0] in text_of(report(result, "x"))
@@ -84,9 +84,13 @@ def test_warnings():
 def test_json(model):
     result = identification(model)
     data = to_json(result, "name")
-    assert list(data) == [
+    assert list(data)[:7] == [
         "method", "model", "parameters", "standard_errors", "rmse", "fit_percent", "status"
     ]  # fmt: skip
+    assert set(list(data)[7:]) == {
+        "J", "aicc", "intervals", "lags", "numerator", "denominator", "step", "units", "notes",
+        "version",
+    }  # fmt: skip
     assert data["model"] == type(model).__name__ and data["status"] == "successful"
     assert json.loads(json.dumps(data, allow_nan=False)) == data
     for name, value in data["parameters"].items():

@@ -1,6 +1,8 @@
 r"""How certain a least-squares fit is: covariance, autocorrelation, verdict."""
 
 import dataclasses
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -20,8 +22,24 @@ from ._problem import Problem
 from ._solver import derivatives
 
 
-NORMAL_95 = 1.96
-"""Half width of a 95 % interval over the standard error."""
+def student_95(freedom: Scalar) -> Scalar:
+    """Half width of a 95 % interval over the standard error: Student's t, two-sided.
+
+    Its expansion around the normal distribution (Abramowitz and Stegun 26.7.5), to 0.2 % for 3
+    degrees of freedom and more: the verdict is traced with every fit, and there is no closed
+    quantile in JAX; to invert `betainc` by iteration would take longer to compile than all else
+    here. On the host intervals have the exact one.
+    """
+    z = 1.959964
+    terms = (
+        z,
+        (z**3 + z) / 4,
+        (5 * z**5 + 16 * z**3 + 3 * z) / 96,
+        (3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / 384,
+        (79 * z**9 + 776 * z**7 + 1482 * z**5 - 1920 * z**3 - 945 * z) / 92160,
+    )
+    inverse = 1 / jnp.maximum(freedom, 1)
+    return sum(term * inverse**k for k, term in enumerate(terms))  # pyright: ignore[reportReturnType]
 
 
 def with_errors(fitted: Fitted, result: Identification) -> Identification:
@@ -36,7 +54,7 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
     $R_{ij} = \varphi^{|i-j|}$ (Seber and Wild 1989, section 6.2): for white residuals
     ($\varphi = 0$) the usual formula. $\varphi$ is the lag-1 autocorrelation of the residuals with
     the first-order bias correction $(1 + (p + 3)\hat\varphi)/N$ (after Kendall 1954), and 0
-    unless it exceeds $2/\sqrt N$. With Huber's loss $r_i$ is $\psi(r_i)$ over the share of
+    unless it exceeds $+2/\sqrt N$. With Huber's loss $r_i$ is $\psi(r_i)$ over the share of
     residuals within the threshold (Huber 1981, section 7.6). A parameter on a bound has NaN, the
     others hold with it fixed.
 
@@ -51,7 +69,7 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
     quantum = quantisation(problem.record.y, problem.record.count)
     details = result.details | {
         "residual_autocorrelation": phi,
-        "residuals_correlated": jnp.abs(phi) > 0,
+        "residuals_correlated": phi > 0,
         "quantisation": quantum,
         "quantised": quantum > 0,
         "identifiable": jnp.ones(0, bool),
@@ -60,10 +78,18 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
         std = _by_name(problem, model, (), residual[:0])
         return dataclasses.replace(result, std=std, details=details)
     values = jnp.stack([_value(model, s).astype(residual.dtype) for s in free])
-    found = _covariance(problem, model, values, root, residual, phi, result.details["at_bound"])
+    found = _beside_a_kink(
+        problem,
+        values,
+        partial(_covariance, problem, model, root, residual, phi, result.details["at_bound"]),
+    )
     covariance = nan_where(refused(result.status), found.matrix)
     errors = safe_sqrt(jnp.diagonal(covariance))
-    vague = found.lost | _vague(problem, free, values, errors, refused(result.status))
+    # Of correlated residuals N (1 - phi^2)/(1 + phi^2) rows tell their size (Bartlett 1946).
+    freedom = found.freedom * (1 - phi**2) / (1 + phi**2)
+    halves = student_95(freedom) * errors
+    vague = found.lost | _vague(problem, free, values, halves, refused(result.status))
+    vague = vague | _traded(problem, free, model.delay)
     vague = ~(found.at_bound | found.absent) & vague
     verdict = Status.where(jnp.any(vague), Status.not_identifiable, Status.successful)
     bounded = found.at_bound & np.array([s.name not in COMMON for s in free])
@@ -73,7 +99,7 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
         status=first_problem(verdict, result.status),
         std=_by_name(problem, model, free, errors),
         covariance=covariance,
-        details=details | {"effective_parameters": found.effective},
+        details=details | {"effective_parameters": found.effective, "degrees_of_freedom": freedom},
     )
 
 
@@ -157,7 +183,8 @@ def _prediction(problem: Problem, model, free: tuple[ScalarParameter, ...], numb
 class _Covariance(NamedTuple):
     """A covariance matrix; parameters on a bound, that are no lags, without an effect of their own.
 
-    `effective` is the number of parameters that the residuals have lost freedom by.
+    `effective` is the number of parameters that the residuals have lost freedom by, `freedom` what
+    they have left.
     """
 
     matrix: Float[Array, "p p"]
@@ -165,9 +192,38 @@ class _Covariance(NamedTuple):
     absent: Bool[Array, " p"]
     lost: Bool[Array, " p"]
     effective: Scalar
+    freedom: Scalar
 
 
-def _covariance(problem, model, values, root, residual, phi, at_bound) -> _Covariance:
+def _beside_a_kink(
+    problem: Problem, values: Array, covariance: Callable[[Array], _Covariance]
+) -> _Covariance:
+    """The covariance, beside a sample of the larger of its values on both sides of it.
+
+    Where the dead time passes a sample, that row stops to tell the response, and the dead time is
+    less certain. Of few rows that makes a difference: an optimum just before the sample would claim
+    what holds on its side alone (20 rows of a first-order plant: 85 % coverage instead of 95).
+    """
+    if not problem.kinked:
+        return covariance(values)
+    elapsed = problem.record.elapsed
+    place = [scalar.name for scalar in problem.free_scalars].index("delay")
+
+    def on_a_side(values: Array, _) -> tuple[Array, _Covariance]:
+        found, delay = covariance(values), values[place]
+        reach = student_95(found.freedom) * safe_sqrt(found.matrix[place, place])
+        ahead = jnp.min(jnp.where(elapsed > delay, elapsed, jnp.inf))
+        after = ahead + jnp.finfo(delay.dtype).eps ** 0.5 * problem.record.duration
+        return values.at[place].set(jnp.where(ahead < delay + reach, after, delay)), found
+
+    _, sides = jax.lax.scan(on_a_side, values, length=2)
+    first, second = sides.matrix[:, place, place]
+    # A tenth of the standard error: of many rows one is less, and the usual formula stays exact.
+    wider = second > 1.1**2 * first
+    return jax.tree.map(lambda x: jnp.where(wider, x[1], x[0]), sides)
+
+
+def _covariance(problem, model, root, residual, phi, at_bound, values) -> _Covariance:
     free = problem.free_scalars
     in_a_row = np.array([s.place is not None for s in free])
     absent = in_a_row & (values == 0) & ~at_bound
@@ -186,14 +242,15 @@ def _covariance(problem, model, values, root, residual, phi, at_bound) -> _Covar
     q = jnp.where(lost[None, :], 0, q)
     coloured = q.T @ _correlate(q, phi)
     effective = jnp.trace(coloured)
-    variance = jnp.sum(residual**2) / jnp.maximum(jnp.sum(root > 0) - effective, 1)
+    freedom = jnp.maximum(jnp.sum(root > 0) - effective, 1)
+    variance = jnp.sum(residual**2) / freedom
     matrix = variance * inverse @ coloured @ inverse.T / size[:, None] / size[None, :]
     place = jnp.argsort(last)
     matrix, lost = matrix[place][:, place], lost[place]
     unknown = at_bound | lost
     matrix = jnp.where(unknown[:, None] | unknown[None, :], jnp.nan, matrix)
     matrix = jnp.where(absent[:, None] | absent[None, :], 0, matrix)
-    return _Covariance(matrix, at_bound, absent, lost, effective)
+    return _Covariance(matrix, at_bound, absent, lost, effective, freedom)
 
 
 def _frozen(in_a_row: np.ndarray, values: Array, at_bound: Array) -> Array:
@@ -203,14 +260,30 @@ def _frozen(in_a_row: np.ndarray, values: Array, at_bound: Array) -> Array:
     return at_bound & ~leads
 
 
-def _vague(problem: Problem, free, values: Array, errors: Array, refusal) -> Array:
-    """Parameters whose 95 % interval says next to nothing; an offset or dead time may be 0."""
+def _vague(problem: Problem, free, values: Array, halves: Array, refusal) -> Array:
+    """Parameters whose 95 % interval says next to nothing; an offset or dead time may be 0.
+
+    `halves`: half widths of the intervals.
+    """
     limits = [
         jnp.inf if s.name in ("delay", "offset") else problem.family.vague_beyond(s.name, value)
         for s, value in zip(free, values, strict=True)
     ]
     limits = jnp.stack([jnp.asarray(limit, values.dtype) for limit in limits])
-    return ~(NORMAL_95 * errors < limits) & ~refusal
+    return ~(halves < limits) & ~refusal
+
+
+def _traded(problem: Problem, free, delay: Scalar) -> Array | np.ndarray:
+    """Gain and offset where rows begin after the step, and after the dead time.
+
+    Of a first-order plant any dead time up to the first row then gives the same response with
+    another gain and offset.
+    """
+    levels = np.array([s.name in ("gain", "offset") for s in free])
+    if not problem.kinked or problem.known_levels.free < 2:
+        return np.zeros(levels.size, bool)
+    first = problem.record.elapsed[0]
+    return levels & (first > 0) & (delay <= first)
 
 
 def _by_name(problem: Problem, model, free, errors: Array) -> dict[str, Array]:
@@ -225,12 +298,15 @@ def _by_name(problem: Problem, model, free, errors: Array) -> dict[str, Array]:
 
 
 def _autocorrelation(residual: Array, count: Count | int, parameters: int) -> Scalar:
-    """Lag-1 coefficient of the first `count`, corrected for bias; 0 where not significant."""
+    """Lag-1 coefficient of the first `count`, corrected for bias; 0 where not significant.
+
+    Nor where it is negative: the fit itself leaves such residuals, most of all of few rows, and
+    errors that allow for it are far too small (of 10 rows, 20 to 40 % coverage instead of 95).
+    """
     square = jnp.sum(residual**2)
     raw = jnp.sum(residual[1:] * residual[:-1]) / jnp.where(square > 0, square, 1)
     corrected = raw + (1 + (parameters + 3) * raw) / count
-    significant = jnp.abs(raw) > 2 / count**0.5
-    return jnp.where(significant, jnp.clip(corrected, -0.99, 0.99), 0)
+    return jnp.where(raw > 2 / count**0.5, jnp.clip(corrected, 0, 0.99), 0)
 
 
 def _correlate(q: Array, phi: Scalar) -> Array:

@@ -164,6 +164,11 @@ def _cell(problem: Problem, delay: Array, longest: Array, cell: Count) -> tuple[
     place = jnp.searchsorted(elapsed, delay, side="right") - 1 - CELLS // 2 + cell
     index = jnp.clip(jnp.stack([place, place + 1]), 0, problem.record.last)
     left, right = jnp.clip(elapsed[index], 0, longest)
+    # Of a record that begins after the step: up to its first row a first-order plant trades dead
+    # time for gain and offset, if both are free; then no dead time stands for them all.
+    left = jnp.where(place < 0, 0, left)
+    if problem.known_levels.free == 2:
+        right = jnp.where(place < 0, 0, right)
     margin = jnp.finfo(elapsed.dtype).eps ** 0.5 * (right - left)
     left = jnp.where((left > 0) & (cell >= 0), left + margin, 0)
     right = jnp.where((right < longest) & (cell >= 0), right - margin, longest)

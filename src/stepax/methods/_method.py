@@ -1,5 +1,6 @@
 """What there is to know about a method beside its function, and how it is called."""
 
+import dataclasses
 import functools
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -61,7 +62,8 @@ def compiled_method(method: Callable[..., Identification]) -> Callable[..., Iden
 
     @functools.wraps(method)
     def run(record: StepRecord, **options: Any) -> Identification:
-        return call(record, **prepared(method.__name__, known, record, options))
+        result = call(record, **prepared(method.__name__, known, record, options))
+        return dataclasses.replace(result, method=method.__name__)
 
     return run
 

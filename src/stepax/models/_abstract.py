@@ -242,6 +242,18 @@ class AbstractPlant(eqx.Module):
             self.unit_response(t[:, None] - t[None, :] - self.delay) @ moves
         )
 
+    def __repr__(self) -> str:
+        """The numbers of a concrete plant, to six digits; else the PyTree."""
+        names = sorted(self.__dataclass_fields__, key=lambda name: name in COMMON)  # own first
+        values = {name: getattr(self, name) for name in names}
+        if not all(isinstance(x, int | jax.Array | np.ndarray) for x in values.values()) or any(
+            isinstance(x, Tracer) for x in values.values()
+        ):
+            return eqx.tree_pformat(self)
+        with np.printoptions(precision=6, threshold=20, suppress=False):
+            said = [f"{name}={_shown(x)}" for name, x in values.items()]
+        return f"{type(self).__name__}({', '.join(said)})"
+
     @property
     def static_gain(self) -> Scalar:
         """Change of the output per unit of input after all transients."""
@@ -258,6 +270,14 @@ class AbstractPlant(eqx.Module):
     def to_scipy(self, pade_order: int | None = None):
         """This model as `scipy.signal.ZerosPolesGain`; a delay as in `to_control`."""
         return scipy_transfer_function(self, pade_order)
+
+
+def _shown(x: Any) -> str:
+    """A number, or numbers, of a concrete parameter."""
+    x = np.asarray(x)
+    if x.ndim:
+        return np.array2string(x, separator=", ")
+    return f"{x:.6g}" if np.issubdtype(x.dtype, np.floating) else str(x)
 
 
 class AbstractChain(AbstractPlant):

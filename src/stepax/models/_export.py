@@ -19,6 +19,27 @@ def _zeros_poles_gain(model, pade_order: int | None) -> tuple[np.ndarray, np.nda
     return zeros, poles, float(np.real(k))
 
 
+def polynomials(model) -> tuple[list[float], list[float]] | None:
+    """Numerator and denominator without the dead time, the highest power of s first.
+
+    The constant of the denominator's factors is 1, that of the numerator the gain. None for a model
+    with NaN or with a real order.
+    """
+    products = []
+    for factors in (model.numerator(), model.denominator()):
+        product = np.ones(1)
+        for factor in factors:
+            if factor.power != round(factor.power):
+                return None
+            for _ in range(round(factor.power)):
+                product = np.polymul(product, factor.coefficients[::-1])
+        products.append(product)
+    numerator, denominator = float(model.gain) * products[0], products[1]
+    if not (np.all(np.isfinite(numerator)) and np.all(np.isfinite(denominator))):
+        return None
+    return numerator.tolist(), denominator.tolist()
+
+
 def scipy_transfer_function(model, pade_order: int | None):
     """`scipy.signal.ZerosPolesGain` of a model."""
     from scipy import signal

@@ -58,7 +58,55 @@ def transfer_function_latex(model: AbstractPlant) -> str:
     return re.sub(r"e([+-])0*(\d+)\b", lambda m: rf" \times 10^{{{m[1].strip('+')}{m[2]}}}", text)
 
 
-STYLES = {"text": transfer_function_text, "latex": transfer_function_latex}
+def matlab_code(model: AbstractPlant) -> str:
+    """G(s) as MATLAB's Control System Toolbox takes it, the dead time as a factor exp(-L s)."""
+    if not _is_finite(model):
+        return "% none"
+    delay = _value(model.delay)
+    dead = f"*exp({_digits(-delay)}*s)" if delay else ""
+    return f"s = tf('s'); G = {_rational(model, '^', dead)};"
+
+
+def python_control_code(model: AbstractPlant) -> str:
+    """G(s) as python-control takes it, a dead time as Pade's approximation of order 3."""
+    if not _is_finite(model):
+        return "# none"
+    delay = _value(model.delay)
+    dead = f"*control.tf(*control.pade({_digits(delay)}, 3))" if delay else ""
+    return f'import control; s = control.tf("s"); G = {_rational(model, "**", dead)}'
+
+
+def _rational(model: AbstractPlant, power: str, dead: str) -> str:
+    """Gain, dead time and factors as code, lowest powers of s first."""
+    above, below = (
+        "*".join(_code(factor, power) for factor in factors)
+        for factors in (model.numerator(), model.denominator())
+    )
+    numerator = "*".join(filter(None, [_digits(_value(model.gain)), above])) + dead
+    return f"{numerator}/({below})" if below else numerator
+
+
+def _code(factor: Factor, power: str) -> str:
+    """A polynomial in s to a power; a real order is no transfer function of these packages."""
+    if factor.power != round(factor.power):
+        raise ValueError(f"a real order, {number(factor.power)}, is no rational transfer function.")
+    terms = [(k, x) for k, x in enumerate(factor.coefficients) if x]
+    names = ["", "*s", f"*s{power}2"]
+    text = " + ".join(f"{_digits(x)}{names[k]}" for k, x in terms).replace("+ -", "- ")
+    return f"({text})" + (f"{power}{round(factor.power)}" if factor.power != 1 else "")
+
+
+def _digits(x: float) -> str:
+    """A number to ten digits: more than any record tells, and short where it is short."""
+    return f"{x:.10g}"
+
+
+STYLES = {
+    "text": transfer_function_text,
+    "latex": transfer_function_latex,
+    "matlab": matlab_code,
+    "python-control": python_control_code,
+}
 """Ways of writing a transfer function."""
 
 

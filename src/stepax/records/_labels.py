@@ -73,3 +73,20 @@ class Units(NamedTuple):
 def _bracketed(unit: str) -> str:
     """A unit as part of another."""
     return f"({unit})" if "/" in unit else unit
+
+
+def is_unit(text: str) -> bool:
+    """Whether a cell is a unit by itself: a known one, in brackets or not, or "-" for none."""
+    inner = re.sub(r"^[(\[]\s*|\s*[)\]]$", "", text.strip())
+    return inner in _UNITS or inner == "-" or (inner != text.strip() and bool(inner))
+
+
+def with_unit(name: str, unit: str) -> str:
+    """A name and its unit as they stand in the header of a file: "Temperature (degC)"."""
+    unit = re.sub(r"^[(\[]\s*|\s*[)\]]$", "", unit.strip())
+    return name if not unit or unit == "-" or unit_of(name) else f"{name} ({unit})"
+
+
+def without_unit(name: str) -> str:
+    """A name without its unit in brackets."""
+    return re.sub(r"\s*[(\[][^()\[\]]*[)\]]\s*$", "", name) or name

@@ -1,8 +1,7 @@
-"""The record of a command: a table, a picture or an example; options of pictures; `trace`."""
+"""A picture of a plot on the command line: its options, its record, and `trace`."""
 
-import contextlib
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,9 +11,6 @@ import typer
 if TYPE_CHECKING:
     from .records._record import StepRecord
     from .records.image._trace import Finding
-
-EXAMPLES = {"heater": "heater.csv"}
-SIMULATED = "This record is simulated: it comes with stepax as an example and was not measured."
 
 PANEL = "Pictures of a plot"
 
@@ -56,46 +52,9 @@ def with_picture_options(function: Callable) -> Callable:
     return function
 
 
-@contextlib.contextmanager
-def _record_file(file: Path | None, example: str | None) -> Iterator[Path]:
-    """The record to read: a file, or one of the package."""
-    if (file is None) == (example is None):
-        raise ValueError("Give a FILE or --example NAME" + (", not both." if file else "."))
-    if file is not None:
-        yield file
-        return
-    if example not in EXAMPLES:
-        known = ", ".join(EXAMPLES)
-        raise KeyError(f"There is no example {example!r}; the known ones are: {known}.")
-    from importlib.resources import as_file, files
-
-    with as_file(files("stepax") / "examples" / EXAMPLES[example]) as path:
-        yield path
-
-
-def read(
-    file: Path | None, example: str | None, columns: dict[str, Any], picture: dict[str, Any]
-) -> "StepRecord":
-    """The record of a file or an example."""
-    with _record_file(file, example) as path:
-        return read_file(path, columns, picture)
-
-
-def read_file(path: Path, columns: dict[str, Any], picture: dict[str, Any]) -> "StepRecord":
-    """The record of a table or of a picture."""
-    from .records.image._picture import SUFFIXES
-
-    if path.suffix.lower() in SUFFIXES:
-        given = [name for name, value in columns.items() if value is not None]
-        if given:
-            raise ValueError(f"{path.name} is a picture, without columns: leave out --{given[0]}.")
-        return _traced(path, picture)[1]
-    asked = [name.replace("_", "-") for name, value in picture.items() if value is not None]
-    if asked:
-        raise ValueError(f"{path.name} is no picture: --{asked[0]} is for pictures of a plot.")
-    from .records._read import read_record
-
-    return read_record(path, **columns)
+def picture_record(path: Path, picture: dict[str, Any]) -> "StepRecord":
+    """The record of a picture."""
+    return _traced(path, picture)[1]
 
 
 def _traced(path: Path, picture: dict[str, Any]) -> tuple["Finding", "StepRecord"]:

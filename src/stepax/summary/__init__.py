@@ -1,0 +1,1 @@
+"""What one result says: intervals, text, a table for notebooks, JSON."""
