@@ -27,6 +27,7 @@ from ._lookup import (
     sani_tu_tg,
 )
 from ._method import Method, compiled_method
+from ._rdkam import rdkam, rdkam_fopdt, rdkam_oscillatory, rdkam_sopdt
 from ._reading import shared_readings
 from ._tables import LATZEL_LEVELS, latzel, strejc
 from ._tangents import ONE_LAG, oldenbourg_sartorius, tangent_63, ziegler_nichols_tangent
@@ -96,6 +97,11 @@ _ROWS: dict[Callable[..., Identification], Method] = {
     moments_fopdt: Method(FOPDT, "first"),
     moments_sopdt: Method(PTn, "second"),
     moments_ptn: Method(EqualLag, "nth", order_found=True),
+    # areas for every dead time
+    rdkam_fopdt: Method(FOPDT, "first"),
+    rdkam_sopdt: Method(SOPDT, "second"),
+    rdkam_oscillatory: Method(SOPDT, "second"),
+    rdkam: Method(SOPDT, "second"),
     # least squares
     hudzovic_fit: Method(Hudzovic, "nth", order_found=True),
     sani_fit: Method(Sani, "nth", order_found=True),

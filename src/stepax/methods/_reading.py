@@ -178,9 +178,12 @@ class Reading:
         model: AbstractPlant,
         *statuses: Status,
         own: OwnDelay | None = None,
+        response: Array | None = None,
         **details: Array,
     ) -> Identification:
         """The result: `model` with gain, offset and dead time, and the first problem there was.
+
+        `response` is that of the model to a unit step at the rows, where it is known already.
 
         Problems are asked for in this order: the record, what was read, `statuses`, and the dead
         time of the method's `own`, which comes on top of the one known beforehand. `details` of the
@@ -198,7 +201,7 @@ class Reading:
             lambda m: (m.gain, m.offset, m.delay), model, (gain, self.initial, delay)
         )
         details = nan_where(unread(status), details) | self.record.details
-        return conclude(self.record, model, status, details=details)
+        return conclude(self.record, model, status, response=response, details=details)
 
 
 def _held(record: StepRecord, span: Span) -> tuple[Status, StepRecord]:

@@ -77,11 +77,12 @@ def crossing_times(
     record = compact(record)
     q = as_real(levels).astype(record.t.dtype)
     y, t, count = relative_response(record, span), record.elapsed, record.count
-    times = jax.vmap(lambda level: _crossing(t, y, level, count))(jnp.atleast_1d(q))
+    times = jax.vmap(lambda level: crossing(t, y, level, count))(jnp.atleast_1d(q))
     return times.reshape(q.shape)
 
 
-def _crossing(t: Samples, y: Samples, level: Scalar, count: Count | int) -> Scalar:
+def crossing(t: Samples, y: Samples, level: Scalar, count: Count | int) -> Scalar:
+    """`crossing_times` on plain arrays, of one level."""
     rows = jnp.arange(y.shape[0] - 1)
     upward = (y[:-1] < level) & (y[1:] >= level) & (rows < jnp.argmax(y))
     # The monotone regression lies below a level up to where this sum is least, and there the
