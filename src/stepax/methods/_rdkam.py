@@ -12,9 +12,9 @@ from typing import TypedDict, Unpack
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import Array, ArrayLike, Float
 
-from .._arrays import Samples, Scalar
+from .._arrays import Flag, Samples, Scalar
 from .._result import Identification
 from .._status import Status
 from ..records._areas import (
@@ -26,6 +26,7 @@ from ..records._areas import (
     oscillation,
     running_area,
 )
+from ..records._preprocess import noise_of
 from ..records._record import StepRecord
 from ._rdkam_paper import paper_scan
 from ._rdkam_scan import (
@@ -81,82 +82,96 @@ class Areas:
         self.protocol = options.get("protocol", "default")
         if self.protocol not in PROTOCOLS:
             raise ValueError(f"protocol must be 'default' or 'paper', got {self.protocol!r}.")
-        self.reading = reading = Reading(record, options.get("span"), 0.0)
-        safe, gain = reading.safe, options.get("gain")
+        self.reading = Reading(record, options.get("span"), 0.0)
+        gain = options.get("gain")
+        asked = [options.get(name) for name in ("gain", "min_delay", "max_delay")]
+        self._plain = all(x is None for x in asked)
         self.known = gain is not None or record.final is not None
+        self.scale, self.response, self.area = self._once("area", lambda: self._area(gain))
+        self.end = self.area.end
+        self.level, self.onset = self._once("onset", self._level_and_onset)
+        first, last = (None if x is None else jnp.asarray(x, self.end.dtype) for x in asked[1:])
+        self.last = last
+        self.low = jnp.zeros_like(self.end) if first is None else jnp.clip(first, 0, self.end)
+        high = self.onset if last is None else jnp.minimum(last, self.onset)
+        self.high = jnp.maximum(high, self.low)
+
+    def _once(self, what: str, read):
+        return self.reading.once(f"rdkam {what}", read) if self._plain else read()
+
+    def _area(self, gain: Number) -> tuple[Scalar, Samples, RunningArea]:
+        """The unit of the response, the response in it, and its running area."""
+        reading, safe = self.reading, self.reading.safe
         away = jnp.where(safe.after_step, safe.y - reading.initial, 0)
         late = jnp.sum(jnp.where(safe.elapsed > 0.5 * safe.duration, away, 0))
         scale = jnp.where(late < 0, jnp.min(away), jnp.max(away))
         if gain is not None:
             scale = safe.step_size * gain
-        elif record.final is not None:
+        elif reading.record.final is not None:
             scale = reading.final - reading.initial
-        self.scale = jnp.where(scale == 0, 1, scale)
-        self.response = jnp.where(safe.elapsed >= 0, (safe.y - reading.initial) / self.scale, 0)
-        self.area = running_area(safe, self.response)
-        tail = self.area.mean((1 - TAIL) * self.area.end, self.area.end)
-        self.level = jnp.ones_like(tail) if self.known else tail
-        onset = self.area.onset(ONSET * self.level, safe.count)
-        self.onset = jax.lax.stop_gradient(onset)
-        asked = [options.get(name) for name in ("min_delay", "max_delay")]
-        first, last = (None if x is None else jnp.asarray(x, tail.dtype) for x in asked)
-        self.last = last
-        self.high = self.onset if last is None else jnp.clip(last, 0, self.area.end)
-        self.low = 0 * self.high if first is None else jnp.clip(first, 0, self.area.end)
-        self.high = jnp.maximum(self.high, self.low)
+        scale = jnp.where(scale == 0, 1, scale)
+        response = jnp.where(safe.elapsed >= 0, (safe.y - reading.initial) / scale, 0)
+        return scale, response, running_area(safe, response)
 
-    def oscillation(self) -> Oscillation:
-        """The oscillation of the record, with the level held where it is known."""
-        found = oscillation(self.area, self.onset, self.reading.safe.count)
-        return found._replace(level=self.level) if self.known else found
+    def _level_and_onset(self) -> tuple[Scalar, Scalar]:
+        tail = self.area.mean((1 - TAIL) * self.end, self.end)
+        level = jnp.ones_like(tail) if self.known else tail
+        onset = self.area.onset(ONSET * level, self.reading.safe.count)
+        return level, jax.lax.stop_gradient(onset)
 
-    def rising(self, shape, rest) -> Scanned:
+    def oscillation(self, period: Number = None) -> Oscillation:
+        """The oscillation of the record, with the level held where it is known.
+
+        With a `period` given instead of the one read, its lobes last to the end of the record.
+        """
+
+        def read():
+            safe = self.reading.safe
+            noise = noise_of(safe.t, safe.y, safe.count) / jnp.abs(self.scale)
+            # of an integral over a time a: this times the root of a
+            noise = noise * jnp.sqrt(self.end / jnp.sum(safe.after_step))
+            found = oscillation(self.area, self.onset, noise, safe.count)
+            return found._replace(level=self.level) if self.known else found
+
+        found = self._once("oscillation", read)
+        if period is None:
+            return found
+        period = jnp.asarray(period, found.period.dtype)
+        room = jnp.clip(jnp.floor((self.end - self.onset) / (0.5 * period)), 2, MOST_LOBES)
+        lobes = jnp.where(found.lobes >= FEWEST_LOBES, found.lobes, room)
+        return found._replace(period=period, lobes=lobes.astype(found.lobes.dtype))
+
+    def scanned(self, shape, rest, found: Oscillation, low: Scalar, edges: Array) -> Scanned:
+        """Scan with one shape of model."""
+        parts, tail = blocks(self.area, edges), (found.start, found.end)
+        level, high = found.level, self.high
+        return scan(self.area, parts, shape, rest, level, self.known, tail, low, high)
+
+    def rising(self, shape, rest, found: Oscillation) -> Scanned:
         """Scan of a response that rises once: first order, or the first branch."""
-        parts = blocks(self.area, edges_of_rise(self.area, self.level, self.onset))
-        shape, tail = functools.partial(shape, self.area), ((1 - TAIL) * self.area.end, self.area.end)
-        return scan(
-            self.area, parts, shape, rest, self.level, self.known, tail, self.low, self.high
-        )
+        edges = edges_of_rise(self.area, found.level, self.onset)
+        return self.scanned(functools.partial(shape, self.area), rest, found, self.low, edges)
 
-    def swinging(self, found: Oscillation) -> Scanned:
-        """Scan of an oscillating response."""
-        low = self._before_swing(found)
-        parts = blocks(self.area, edges_of_periods(self.area, low, found.period))
-        shape, level = self._swing(found), found.level
-        return scan(
-            self.area, parts, shape, second_order_rest, level, self.known, (found.start, found.end), low,
-            self.high,
-        )  # fmt: skip
-
-    def both(self, found: Oscillation) -> Scanned:
+    def branches(self, found: Oscillation) -> Scanned:
         """Scans of both branches, stacked: one traced program does them in turn."""
-        level, swing = found.level, self._swing(found)
-        rise = functools.partial(second_order_shape, self.area, least_damping=BRANCH)
-        lows = jnp.stack([self.low, self._before_swing(found)])
-        edges = jnp.stack([
-            edges_of_rise(self.area, level, self.onset),
-            edges_of_periods(self.area, lows[1], found.period),
-        ])  # fmt: skip
+        # an oscillation has no dead time more than half a period before its rise
+        low = jax.lax.stop_gradient(jnp.minimum(self.onset, self.high) - 0.5 * found.period)
+        low = jnp.minimum(jnp.maximum(self.low, low), self.high)
+        lobes = jnp.maximum(found.lobes, FEWEST_LOBES).astype(low.dtype)
+        shapes = [
+            functools.partial(second_order_shape, self.area, least_damping=BRANCH),
+            functools.partial(oscillatory_shape, self.area, period=found.period, lobes=lobes),
+        ]
 
         def branch(case):
             place, low, edges = case
-            shape = lambda *x: jax.lax.switch(place, [rise, swing], *x)  # noqa: E731
-            parts = blocks(self.area, edges)
-            return scan(
-                self.area, parts, shape, second_order_rest, level, self.known, (found.start, found.end), low,
-                self.high,
-            )  # fmt: skip
+            shape = lambda *x: jax.lax.switch(place, shapes, *x)  # noqa: E731
+            return self.scanned(shape, second_order_rest, found, low, edges)
 
-        return jax.lax.map(branch, (np.arange(2), lows, edges))
-
-    def _swing(self, found: Oscillation):
-        lobes = jnp.maximum(found.lobes, FEWEST_LOBES).astype(found.period.dtype)
-        return functools.partial(oscillatory_shape, self.area, period=found.period, lobes=lobes)
-
-    def _before_swing(self, found: Oscillation) -> Scalar:
-        """Earliest dead time of an oscillation: half a period before the rise."""
-        low = jax.lax.stop_gradient(jnp.minimum(self.onset, self.high) - 0.5 * found.period)
-        return jnp.minimum(jnp.maximum(self.low, low), self.high)
+        rise = edges_of_rise(self.area, found.level, self.onset)
+        edges = jnp.stack([rise, edges_of_periods(self.area, low, found.period)])
+        lows = jnp.stack([self.low, low])
+        return self._once("branches", lambda: jax.lax.map(branch, (np.arange(2), lows, edges)))
 
     def response_of(self, found: Scanned) -> Samples:
         """Response of a model at the rows."""
@@ -189,15 +204,15 @@ def rdkam_fopdt(record: StepRecord, **options: Unpack[AreaOptions]) -> Identific
     r"""First order plus dead time by one area (Maxim, De Keyser, eq. 5): $T = A/K$.
 
     $A = \int_L (K - y)\,dt$ for every dead time L; the one with the least squared error is kept.
-    K is the level of the tail, what the model lacks there allowed for. **Options** as in
-    `AreaOptions`. **Status:** no dead time with a positive area refuses with `invalid_moments`;
-    a record that ends below 95 % of the change warns with `not_settled`. Standard errors are NaN:
-    the method has none.
+    K is the level of the tail, of an oscillation over whole periods, what the model lacks there
+    allowed for. **Options** as in `AreaOptions`. **Status:** no dead time with a positive area
+    refuses with `invalid_moments`; a record that ends below 95 % of the change warns with
+    `not_settled`. Standard errors are NaN: the method has none.
     """
     areas = Areas(record, options)
     if areas.protocol == "paper":
         return areas.conclude(paper_scan(areas, "first"))
-    return areas.conclude(areas.rising(first_order_shape, first_order_rest))
+    return areas.conclude(areas.rising(first_order_shape, first_order_rest, areas.oscillation()))
 
 
 def rdkam_sopdt(
@@ -213,11 +228,11 @@ def rdkam_sopdt(
     moves it by 0.04 there, by 0.14 at 3. Options and further status as in `rdkam_fopdt`.
     """
     areas = Areas(record, options)
-    least = 1.0 if real_poles else BRANCH
     if areas.protocol == "paper":
         return areas.conclude(paper_scan(areas, "real" if real_poles else "rising"))
+    least = 1.0 if real_poles else BRANCH
     shape = functools.partial(second_order_shape, least_damping=least)
-    return areas.conclude(areas.rising(shape, second_order_rest))
+    return areas.conclude(areas.rising(shape, second_order_rest, areas.oscillation()))
 
 
 def rdkam_oscillatory(
@@ -228,21 +243,20 @@ def rdkam_oscillatory(
     The area of all lobes tells the damping (`lobe_area`, for a record of any length), the `period`
     the frequency, $\omega_n = 2\pi/(T_p\sqrt{1-\zeta^2})$. Each lobe is integrated with its sign:
     the paper's $|K - y|$ rectifies noise. By default the period is read off the extrema of the
-    integral signal, and K is the mean over whole periods.
+    integral signal.
 
     **Range:** zeta from 0.01 to 0.5, outside the end is taken, with the warning `at_curve_end`.
     **Status:** a record without a period, an overshoot and an undershoot, refuses with
     `levels_not_crossed`. Options and further status as in `rdkam_fopdt`.
     """
     areas = Areas(record, options)
-    if areas.protocol == "paper":
-        found = areas.oscillation()
-        period_ = found.period if period is None else jnp.asarray(period, found.period.dtype)
-        swings = _swings(found, period)
-        return _swinging(areas, paper_scan(areas, "oscillatory", period_), period_, found, swings)
-    found = _with_period(areas, areas.oscillation(), period)
+    found = areas.oscillation(period)
     swings = _swings(found, period)
-    return _swinging(areas, areas.swinging(found), found.period, found, swings)
+    status = Status.where(swings, Status.successful, Status.levels_not_crossed)
+    areas.reading.remember(status, period=found.period, lobes=found.lobes)
+    if areas.protocol == "paper":
+        return areas.conclude(paper_scan(areas, "oscillatory", found.period))
+    return areas.conclude(_branch(areas.branches(found), 1))
 
 
 def rdkam(
@@ -251,19 +265,19 @@ def rdkam(
     r"""Second order plus dead time from areas, the branch chosen by itself.
 
     `rdkam_sopdt`, and where the record has an overshoot and an undershoot `rdkam_oscillatory` too;
-    the smaller squared error is kept. K is then the mean over whole periods in both. Among the
-    `details`: `period`, `lobes`, and whether the model is `oscillatory`. Options and status as in
-    these two; `protocol="paper"` is oscillatory if a `period` is given, as in the listing.
+    the smaller squared error is kept. Among the `details`: `period`, `lobes`, and whether the model
+    is `oscillatory`. Options and status as in these two; `protocol="paper"` is oscillatory if a
+    `period` is given, as in the listing.
     """
-    areas = Areas(record, options)
-    if areas.protocol == "paper":
+    if options.get("protocol") == "paper":
         if period is None:
-            return areas.conclude(paper_scan(areas, "rising"))
+            return rdkam_sopdt(record, **options)
         return rdkam_oscillatory(record, period=period, **options)
-    found = _with_period(areas, areas.oscillation(), period)
+    areas = Areas(record, options)
+    found = areas.oscillation(period)
     swings = _swings(found, period)
-    both = areas.both(found)
-    rising, swinging = jax.tree.map(lambda x: x[0], both), jax.tree.map(lambda x: x[1], both)
+    both = areas.branches(found)
+    rising, swinging = _branch(both, 0), _branch(both, 1)
     responses = [areas.response_of(rising), areas.response_of(swinging)]
     better = areas.error(swinging, responses[1]) < areas.error(rising, responses[0])
     oscillates = swings & better
@@ -274,26 +288,10 @@ def rdkam(
     return areas.conclude(best, pick(*responses[::-1]), **details)
 
 
-def _swings(found: Oscillation, period: Number):
-    """Whether there is an oscillation to identify."""
+def _swings(found: Oscillation, period: Number) -> Flag:
+    """Whether there is an oscillation to identify: one that was found, or is known."""
     return found.lobes >= FEWEST_LOBES if period is None else jnp.ones((), bool)
 
 
-def _with_period(areas: Areas, found: Oscillation, period: Number) -> Oscillation:
-    """With a period given instead of the one read: lobes up to the end of the record."""
-    if period is None:
-        return found
-    period = jnp.asarray(period, found.period.dtype)
-    room = jnp.floor((areas.area.end - areas.onset) / (0.5 * period))
-    lobes = jnp.where(found.lobes >= FEWEST_LOBES, found.lobes, jnp.clip(room, 2, MOST_LOBES))
-    return found._replace(period=period, lobes=lobes.astype(found.lobes.dtype))
-
-
-def _swinging(
-    areas: Areas, scanned: Scanned, period: Scalar, found: Oscillation, swings
-) -> Identification:
-    status = Status.where(swings, Status.successful, Status.levels_not_crossed)
-    areas.reading.remember(status, period=period, lobes=found.lobes)
-    return areas.conclude(scanned)
-
-
+def _branch(both: Scanned, place: int) -> Scanned:
+    return jax.tree.map(lambda x: x[place], both)

@@ -82,5 +82,3 @@ def infinite_lobe_area(zeta: Array) -> Array:
     beta = zeta / root
     first = jnp.exp(-beta * (np.pi / 2 + jnp.arcsin(zeta)))
     return root / np.pi * (zeta - first / jnp.expm1(-np.pi * beta))
-
-

@@ -17,11 +17,10 @@ from jaxtyping import Array, Float
 
 from .._arrays import Flag, Scalar
 from ..models._plants import FOPDT, SOPDT
-from ..models._responses import second_order_zero_response
 from ..records._areas import MOST_LOBES, RunningArea
 
 
-CANDIDATES = 25
+CANDIDATES = 17
 """Dead times in one batch."""
 
 BLOCKS = 96
@@ -40,15 +39,14 @@ Any time will do (A.1, note); the largest area is flat, between 1.01 (zeta = 3) 
 LEAST_DAMPING, BRANCH, MOST_DAMPING = 0.01, 0.5, 3.0
 """Range of the damping: oscillatory below `BRANCH`; above the last it is practically one lag."""
 
-NEWTON = 7
-"""Steps for a damping, from a straight line that it nearly lies on."""
+NEWTON = 4
+"""Steps for a damping, which nearly lies on a straight line; one more carries the derivative."""
 
 
 class Blocks(NamedTuple):
-    """Means of a record over adjoining intervals."""
+    """Means of a record between edges."""
 
-    middle: Float[Array, " blocks"]
-    width: Float[Array, " blocks"]
+    edges: Float[Array, " edges"]
     mean: Float[Array, " blocks"]
 
 
@@ -92,9 +90,7 @@ def blocks(area: RunningArea, edges: Float[Array, " edges"]) -> Blocks:
     """Means of the response between edges."""
     edges = jax.lax.stop_gradient(edges)
     width = jnp.diff(edges)
-    wide = width > 0
-    mean = jnp.diff(area(edges)) / jnp.where(wide, width, 1)
-    return Blocks(0.5 * (edges[1:] + edges[:-1]), width, jnp.where(wide, mean, 0))
+    return Blocks(edges, jnp.diff(area(edges)) / jnp.where(width > 0, width, 1))
 
 
 def scan(
@@ -115,16 +111,19 @@ def scan(
     that of the mean over the `tail`, from and to, of which the model says what it lacks.
     """
 
-    def again(state, _):
-        level, lacking = state
+    def again(state, place):
+        level, lacking, near = state
 
         def error(d):
             found = shape(d, level, lacking)
-            g = found.plant.unit_response(parts.middle - d)
-            square = jnp.sum(parts.width * (parts.mean - level * g) ** 2)
+            since = parts.edges - d
+            behind = rest(found.plant, jnp.maximum(since, 0)) - jnp.minimum(since, 0)
+            width = jnp.diff(parts.edges)
+            g = 1 + jnp.diff(behind) / jnp.where(width > 0, width, 1)
+            square = jnp.sum(width * (parts.mean - level * g) ** 2)
             return jnp.where(found.usable & jnp.isfinite(square), square, jnp.inf)
 
-        d, square = least(error, low, high)
+        d, square = least(error, low, high, near, place > 0)
         found = shape(d, level, lacking)
         found = found._replace(usable=jnp.isfinite(square) & found.usable)
         start, end = jnp.maximum(tail[0], d), tail[1]
@@ -132,39 +131,42 @@ def scan(
         mean = 1 - (before - after) / (end - start)
         better = area.mean(start, end) / jnp.where(mean > 0.1, mean, 1)
         good = found.usable & (mean > 0.1) & jnp.isfinite(better + behind)
-        state = jnp.where(good & (not known), better, level), jnp.where(good, behind, lacking)
-        return state, Scanned(found, d, level)
+        following = jnp.where(good & (not known), better, level)
+        return (following, jnp.where(good, behind, lacking), d), Scanned(found, d, level)
 
-    _, passes = jax.lax.scan(again, (level, jnp.zeros_like(level)), length=PASSES)
+    start = level, jnp.zeros_like(level), 0.5 * (low + high)
+    _, passes = jax.lax.scan(again, start, np.arange(PASSES))
     return jax.tree.map(lambda x: x[-1], passes)
 
 
-def least(error: Callable[[Scalar], Scalar], low: Scalar, high: Scalar) -> tuple[Scalar, Scalar]:
+def least(
+    error: Callable[[Scalar], Scalar], low: Scalar, high: Scalar, near: Scalar, known: Flag
+) -> tuple[Scalar, Scalar]:
     """Where an error is least between two ends, and how large it is there.
 
+    If it is `known` to lie `near` a place, only a 64th of the range on either side is searched.
     Differentiable: which candidate is best is taken as given, the vertex of the parabola through it
     and its neighbours moves with the error. At an end it stays.
     """
     rounds = 4 if jnp.finfo(low.dtype).bits > 32 else 3
-    steps, half = np.linspace(-1, 1, CANDIDATES), CANDIDATES // 2
+    steps, half = jnp.asarray(np.linspace(-1, 1, CANDIDATES), low.dtype), CANDIDATES // 2
 
-    def nearer(state, _):
-        best, reach = jax.lax.stop_gradient(state)
-        best = jnp.clip(best, low + reach, high - reach)
-        errors = jax.vmap(error)(best + reach * steps)
-        place = jnp.clip(jnp.argmin(errors), 1, CANDIDATES - 2)
-        before, here, after = errors[place - 1], errors[place], errors[place + 1]
-        bend = before - 2 * here + after
-        valley = jnp.isfinite(bend) & (bend > 0)
-        move = 0.5 * jnp.where(valley, before - after, 0) / jnp.where(valley, bend, 1)
-        vertex = best + reach * (steps[place] + jnp.clip(move, -1, 1) / half)
-        first = jax.lax.stop_gradient(best + reach * steps[jnp.argmin(errors)])
-        return (first, reach / half), (jnp.where(valley, vertex, first), jnp.min(errors))
+    def nearer(_, state):
+        best, reach = state
+        candidates = jnp.clip(best + reach * steps, low, high)
+        return candidates[jnp.argmin(jax.vmap(error)(candidates))], reach / half
 
-    steps = jnp.asarray(steps, low.dtype)
-    start = 0.5 * (low + high), 0.5 * (high - low)
-    _, (vertices, errors) = jax.lax.scan(nearer, start, length=rounds)
-    return jnp.clip(vertices[-1], low, high), errors[-1]
+    reach = 0.5 * (high - low) / jnp.where(known, half**2, 1)
+    start = jax.lax.stop_gradient((near, reach))
+    best, reach = jax.lax.fori_loop(jnp.where(known, 2, 0), rounds, nearer, start)
+    best, reach = jax.lax.stop_gradient((best, reach))
+    middle = jnp.clip(best, low + reach, high - reach)
+    before, here, after = jax.lax.map(error, jnp.stack([middle - reach, middle, middle + reach]))
+    bend = before - 2 * here + after
+    valley = jnp.isfinite(bend) & (bend > 0)
+    move = 0.5 * jnp.where(valley, before - after, 0) / jnp.where(valley, bend, 1)
+    vertex = middle + reach * jnp.clip(move, -2, 2)
+    return jnp.where(valley, jnp.clip(vertex, low, high), best), here
 
 
 # Shapes from areas
@@ -184,37 +186,45 @@ def first_order_rest(plant: FOPDT | SOPDT, x: Array) -> Array:
 
 
 def second_order_rest(plant: FOPDT | SOPDT, x: Array) -> Array:
-    r"""$\int_x^\infty (1 - g)\,dt = \tau (1 - g_z(x))$, with $\tau = 2\zeta/\omega_n$.
-
-    $g_z$ is the response with a zero of lead $1/(2\zeta\omega_n)$ more: 1 - g is a combination of
-    the slope of g and of the slope's slope.
-    """
+    r"""$\int_x^\infty (1 - g)\,dt = \tau R(x/\tau)$, with $\tau = 2\zeta/\omega_n$."""
     assert isinstance(plant, SOPDT)
-    zeta, omega_n = plant.zeta, plant.omega_n
-    lead = 0.5 / (zeta * omega_n)
-    return 2 * zeta / omega_n * (1 - second_order_zero_response(x, zeta, omega_n, lead))
+    total = 2 * plant.zeta / plant.omega_n
+    return total * remaining_area(x / total, 0.25 / plant.zeta**2)
+
+
+def remaining_area(alpha: Array, product: Array) -> Array:
+    r"""R: area that a second-order response lacks from $\alpha\tau$ on, over its sum of lags.
+
+    By the product of the lags $p = T_1 T_2/\tau^2 = 1/(4\zeta^2)$: with $s = \alpha/(2p)$ and
+    $q = s^2 (1 - 4p)$
+
+    $$ R = e^{-s} \left[\cosh\sqrt q + (s - \alpha) \sinh\sqrt q/\sqrt q\right], $$
+
+    entire in q: real for any damping, no 0/0 at zeta = 1, and never too large a number.
+    """
+    s = 0.5 * alpha / product
+    q = s * s * (1 - 4 * product)
+    near = jnp.abs(q) < 0.01
+    small, root = jnp.where(near, q, 0), jnp.sqrt(jnp.where(near, 1, jnp.abs(q)))
+    cosine, sine = jnp.ones_like(q), jnp.ones_like(q)
+    for k in range(4, 0, -1):  # 0.01^5/10! < 3e-17
+        cosine = 1 + small / ((2 * k - 1) * (2 * k)) * cosine
+        sine = 1 + small / ((2 * k) * (2 * k + 1)) * sine
+    real, fall = q > 0, jnp.exp(-s)
+    slow, fast = (jnp.exp(sign * jnp.where(real, root, 0) - s) for sign in (1, -1))
+    away = jnp.where(real, 0.5 * (slow + fast), fall * jnp.cos(root))
+    cosine = jnp.where(near, fall * cosine, away)
+    away = jnp.where(real, 0.5 * (slow - fast), fall * jnp.sin(root)) / root
+    return cosine + (s - alpha) * jnp.where(near, fall * sine, away)
 
 
 def area_ratio(alpha: Array, product: Array) -> Array:
-    r"""S/A of eq. 11 and 12 for any damping, by the product of the lags over their sum squared.
+    r"""S/A of eq. 11 and 12 for any damping: $e^{-\alpha} - R(\alpha)$.
 
     S is the area up to $\alpha\tau$ between one lag $\tau$ and second order of the same sum of
-    lags, A that above the response. With $p = T_1 T_2/\tau^2 = 1/(4\zeta^2)$ and
-    $q = \alpha^2 (1 - 4p)/(4 p^2)$
-
-    $$ S/A = e^{-\alpha} - e^{-\alpha/(2p)} \left[\cosh\sqrt q + \alpha \left(\frac{1}{2p} - 1\right)
-       \frac{\sinh\sqrt q}{\sqrt q}\right], $$
-
-    entire in q: real for any damping, and no 0/0 at zeta = 1. **Range:** alpha below 3 and
-    p above 1/36, else the cosine overflows in float32.
+    lags, A that above the response.
     """
-    q = alpha**2 * (1 - 4 * product) / (4 * product**2)
-    near = jnp.abs(q) < 1e-4
-    root = jnp.sqrt(jnp.where(near, 1, q) + 0j)
-    cosine = jnp.where(near, 1 + q / 2 * (1 + q / 12), jnp.cosh(root).real)
-    sine = jnp.where(near, 1 + q / 6 * (1 + q / 20), (jnp.sinh(root) / root).real)
-    bracket = cosine + alpha * (0.5 / product - 1) * sine
-    return jnp.exp(-alpha) - jnp.exp(-0.5 * alpha / product) * bracket
+    return jnp.exp(-alpha) - remaining_area(alpha, product)
 
 
 def second_order_shape(
@@ -245,15 +255,17 @@ def second_order_shape(
 def newton(
     value: Callable[[Scalar], Scalar], start: Scalar, lowest: float, highest: float
 ) -> tuple[Scalar, Flag]:
-    """Root of a nearly straight rising function within a range; whether it lies beyond."""
+    """Root of a nearly straight rising function within a range; whether it lies beyond.
 
-    def step(x, _):
-        x = jnp.clip(jax.lax.stop_gradient(x), lowest, highest)
+    The last step carries the derivative, by the implicit function theorem.
+    """
+
+    def step(_, x):
+        x = jax.lax.stop_gradient(jnp.clip(x, lowest, highest))
         y, slope = jax.jvp(value, (x,), (jnp.ones_like(x),))
-        slope = jax.lax.stop_gradient(slope)
-        return x - y / jnp.where(slope > 0, slope, 1), None
+        return x - y / jax.lax.stop_gradient(jnp.where(slope > 0, slope, 1))
 
-    x, _ = jax.lax.scan(step, start, length=NEWTON)
+    x = step(0, jax.lax.stop_gradient(jax.lax.fori_loop(0, NEWTON, step, start)))
     small = 1e-3 * lowest
     return jnp.clip(x, lowest, highest), (x < lowest - small) | (x > highest + small)
 
@@ -300,6 +312,6 @@ def oscillatory_shape(
         zeta, beyond = newton(value, zeta, LEAST_DAMPING, BRANCH)
         return zeta, (beyond, positive)
 
-    zeta, (beyond, positive) = jax.lax.scan(again, jnp.full_like(period, 0.2), length=3)
+    zeta, (beyond, positive) = jax.lax.scan(again, jnp.full_like(period, 0.2), length=2)
     omega_n = 2 * np.pi / (period * jnp.sqrt((1 - zeta) * (1 + zeta)))
     return Shape(SOPDT(zeta=zeta, omega_n=omega_n), positive[-1], beyond[-1])

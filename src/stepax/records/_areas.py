@@ -13,14 +13,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._arrays import Count, Samples, Scalar
-from ._preprocess import noise_of
 from ._record import StepRecord
 
 
 TAIL = 0.15
 """Share of the record, at its end, whose mean is the first guess of the final level."""
 
-MOST_LOBES = 40
+MOST_LOBES = 24
 """Extrema of the integral signal that are used: of an oscillation that lasts longer, the first."""
 
 FEWEST_LOBES = 2
@@ -35,11 +34,12 @@ NOISE_LOBES = 4.0
 """The same in standard deviations of the noise's area over the time of a lobe."""
 
 ALIKE = 0.35
-"""Deviation of a spacing of extrema from their median, with which it is still the same oscillation."""
+"""How far a spacing of extrema may lie from their median in the same oscillation."""
 
 MIDDLE = 0.28
-"""From an extremum of the integral signal to where it passes its end, in periods: 1/4 + arcsin(zeta)
-over 2 pi, 0.25 without damping and 0.33 at zeta = 0.5."""
+"""From an extremum of the integral signal to where it passes its end, in periods.
+
+That is 1/4 + arcsin(zeta)/(2 pi): 0.25 without damping and 0.33 at zeta = 0.5."""
 
 ROUNDS = 4
 """Final level, times of the extrema and length of a lobe want each other: rounds until they fit."""
@@ -64,9 +64,7 @@ class RunningArea(NamedTuple):
         slope = (self.y[row + 1] - self.y[row]) / (self.t[row + 1] - self.t[row])
         return self.below[row] + past * (self.y[row] + 0.5 * past * slope)
 
-    def above(
-        self, level: Scalar, a: Scalar, b: Float[Array, "*shape"]
-    ) -> Float[Array, "*shape"]:
+    def above(self, level: Scalar, a: Scalar, b: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """Integral of `level` minus the response from `a` to `b`."""
         below = self(jnp.append(jnp.atleast_1d(b), a))
         return level * (b - a) - (below[:-1].reshape(jnp.shape(b)) - below[-1])
@@ -115,7 +113,7 @@ class Oscillation(NamedTuple):
     end: Scalar
 
 
-def oscillation(area: RunningArea, onset: Scalar, count: Count | int) -> Oscillation:
+def oscillation(area: RunningArea, onset: Scalar, noise: Scalar, count: Count | int) -> Oscillation:
     r"""Period and final level of an oscillating record, by the extrema of its integral signal.
 
     The signal $I(t) = \int_0^t (K - y)$ has its extrema where the response passes its final level
@@ -123,10 +121,9 @@ def oscillation(area: RunningArea, onset: Scalar, count: Count | int) -> Oscilla
     the rise, from the `onset` on, or by `NOISE_LOBES` of the noise's. Of these the leading run
     counts whose spacings are `ALIKE`; twice the slope of their times is the period. K is then the
     mean over whole periods, half of those that the record has, between passages of the signal
-    through its end, where the mean of a decaying oscillation is K too. Not meaningful below `FEWEST_LOBES`.
+    through its end, where the mean of a decaying oscillation is K too. Not meaningful below
+    `FEWEST_LOBES`. `noise`: standard deviation of an integral over one unit of time.
     """
-    span = area.end - onset
-    noise = noise_of(area.t, area.y, count) * jnp.sqrt(area.end / count)
     level = area.mean(area.end - TAIL * area.end, area.end)
 
     def look(_, state):
@@ -139,7 +136,7 @@ def oscillation(area: RunningArea, onset: Scalar, count: Count | int) -> Oscilla
         rows, found = _turning_points(signal, least)
         times, used, spacing = _leading_run(area.t[rows], found)
         swings = used >= FEWEST_LOBES
-        fitting = _settled(area, level, times, used, spacing).level
+        fitting = _whole_periods(area, times, used, level).level
         return jnp.where(swings, fitting, level), jnp.where(swings, spacing, lobe), times, used
 
     none = jnp.full(MOST_LOBES, jnp.nan, level.dtype)
