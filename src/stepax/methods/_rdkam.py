@@ -17,6 +17,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._arrays import Flag, Samples, Scalar
 from .._result import Identification
 from .._status import Status
+from ..models._abstract import SETTLED
 from ..records._areas import (
     FEWEST_LOBES,
     MOST_LOBES,
@@ -87,7 +88,8 @@ class Areas:
         asked = [options.get(name) for name in ("gain", "min_delay", "max_delay")]
         self._plain = all(x is None for x in asked)
         self.known = gain is not None or record.final is not None
-        self.scale, self.response, self.area = self._once("area", lambda: self._area(gain))
+        read = self._once("area", lambda: self._area(gain))
+        self.scale, self.response, self.area, self.noise = read
         self.end = self.area.end
         self.level, self.onset = self._once("onset", self._level_and_onset)
         first, last = (None if x is None else jnp.asarray(x, self.end.dtype) for x in asked[1:])
@@ -99,8 +101,11 @@ class Areas:
     def _once(self, what: str, read):
         return self.reading.once(f"rdkam {what}", read) if self._plain else read()
 
-    def _area(self, gain: Number) -> tuple[Scalar, Samples, RunningArea]:
-        """The unit of the response, the response in it, and its running area."""
+    def _area(self, gain: Number) -> tuple[Scalar, Samples, RunningArea, Scalar]:
+        """Unit of the response, the response in it, its running area, and the noise of that.
+
+        The noise of an integral over a time a is this times the root of a.
+        """
         reading, safe = self.reading, self.reading.safe
         away = jnp.where(safe.after_step, safe.y - reading.initial, 0)
         late = jnp.sum(jnp.where(safe.elapsed > 0.5 * safe.duration, away, 0))
@@ -111,7 +116,9 @@ class Areas:
             scale = reading.final - reading.initial
         scale = jnp.where(scale == 0, 1, scale)
         response = jnp.where(safe.elapsed >= 0, (safe.y - reading.initial) / scale, 0)
-        return scale, response, running_area(safe, response)
+        noise = noise_of(safe.t, safe.y, safe.count) / jnp.abs(scale)
+        noise = noise * jnp.sqrt(safe.duration / jnp.sum(safe.after_step))
+        return scale, response, running_area(safe, response), jax.lax.stop_gradient(noise)
 
     def _level_and_onset(self) -> tuple[Scalar, Scalar]:
         tail = self.area.mean((1 - TAIL) * self.end, self.end)
@@ -126,11 +133,7 @@ class Areas:
         """
 
         def read():
-            safe = self.reading.safe
-            noise = noise_of(safe.t, safe.y, safe.count) / jnp.abs(self.scale)
-            # of an integral over a time a: this times the root of a
-            noise = noise * jnp.sqrt(self.end / jnp.sum(safe.after_step))
-            found = oscillation(self.area, self.onset, noise, safe.count)
+            found = oscillation(self.area, self.onset, self.noise, self.reading.safe.count)
             return found._replace(level=self.level) if self.known else found
 
         found = self._once("oscillation", read)
@@ -183,6 +186,13 @@ class Areas:
         square = jnp.sum(jnp.where(rows, self.response - found.level * response, 0) ** 2)
         return jnp.where(found.shape.usable & jnp.isfinite(square), square, jnp.inf)
 
+    def _still_moving(self) -> Flag:
+        """Whether the tail differs from what is before it, by more than 5 % and its noise."""
+        width = TAIL * self.end
+        before = self.area.mean(self.end - 2 * width, self.end - width)
+        apart = jnp.abs(self.area.mean(self.end - width, self.end) - before)
+        return apart > (1 - SETTLED) * jnp.abs(before) + 4 * self.noise / jnp.sqrt(width)
+
     def conclude(
         self, found: Scanned, response: Samples | None = None, **details
     ) -> Identification:
@@ -193,7 +203,7 @@ class Areas:
         status = Status.where(good, Status.successful, Status.invalid_moments)
         statuses = [status, Status.where(shape.beyond, Status.at_curve_end, Status.successful)]
         if not self.known:
-            settled = shape.plant.has_settled(response[reading.safe.last])
+            settled = shape.plant.has_settled(response[reading.safe.last]) & ~self._still_moving()
             statuses.append(Status.where(settled, Status.successful, Status.not_settled))
         reading.final = reading.initial + found.level * self.scale
         own = OwnDelay(found.delay, found.delay, Status.successful)

@@ -75,15 +75,15 @@ def edges_of_rise(area: RunningArea, level: Scalar, onset: Scalar) -> Float[Arra
     lag = jnp.maximum(area.above(level, 0 * onset, area.end) / level - onset, 0.02 * area.end)
     cut = jnp.minimum(onset + 5 * lag, 0.75 * area.end)
     dense = 3 * BLOCKS // 4
-    early = cut * np.linspace(0, 1, dense, endpoint=False)
-    late = cut + (area.end - cut) * np.linspace(0, 1, BLOCKS - dense + 1)
+    early = cut * np.linspace(0, 1, dense, endpoint=False, dtype=cut.dtype)
+    late = cut + (area.end - cut) * np.linspace(0, 1, BLOCKS - dense + 1, dtype=cut.dtype)
     return jnp.concatenate([early, late])
 
 
 def edges_of_periods(area: RunningArea, start: Scalar, period: Scalar) -> Float[Array, " edges"]:
     """The first periods from `start` on."""
     end = jnp.minimum(start + BLOCKS / 8 * period, area.end)
-    return start + (end - start) * np.linspace(0, 1, BLOCKS + 1)
+    return start + (end - start) * np.linspace(0, 1, BLOCKS + 1, dtype=end.dtype)
 
 
 def blocks(area: RunningArea, edges: Float[Array, " edges"]) -> Blocks:
@@ -160,13 +160,20 @@ def least(
     start = jax.lax.stop_gradient((near, reach))
     best, reach = jax.lax.fori_loop(jnp.where(known, 2, 0), rounds, nearer, start)
     best, reach = jax.lax.stop_gradient((best, reach))
-    middle = jnp.clip(best, low + reach, high - reach)
-    before, here, after = jax.lax.map(error, jnp.stack([middle - reach, middle, middle + reach]))
-    bend = before - 2 * here + after
-    valley = jnp.isfinite(bend) & (bend > 0)
-    move = 0.5 * jnp.where(valley, before - after, 0) / jnp.where(valley, bend, 1)
-    vertex = middle + reach * jnp.clip(move, -2, 2)
-    return jnp.where(valley, jnp.clip(vertex, low, high), best), here
+
+    def vertex(middle, reach):
+        middle = jax.lax.stop_gradient(jnp.clip(middle, low + reach, high - reach))
+        places = jnp.stack([middle - reach, middle, middle + reach])
+        before, here, after = jax.lax.map(error, places)
+        bend = before - 2 * here + after
+        valley = jnp.isfinite(bend) & (bend > 0)
+        move = 0.5 * jnp.where(valley, before - after, 0) / jnp.where(valley, bend, 1)
+        found = jnp.clip(middle + reach * jnp.clip(move, -2, 2), low, high)
+        return jnp.where(valley, found, jax.lax.stop_gradient(best)), here
+
+    # twice, the second time where the parabola is the error itself
+    best, errors = jax.lax.scan(vertex, best, jnp.stack([reach, reach / half]))
+    return best, errors[-1]
 
 
 # Shapes from areas

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._arrays import Count, Samples, Scalar
@@ -221,9 +220,9 @@ def _whole_periods(
     """Period by regression on the number of the extremum, and the level over whole periods."""
     known = jnp.isfinite(times)
     times = jnp.where(known, times, 0)
-    index = np.arange(times.size)
-    count = jnp.maximum(jnp.sum(known), 1)
-    centred = jnp.where(known, index - jnp.sum(index * known) / count, 0)
+    index = jnp.arange(times.size, dtype=times.dtype)
+    count = jnp.maximum(jnp.sum(known), 1).astype(times.dtype)
+    centred = jnp.where(known, index - jnp.sum(jnp.where(known, index, 0)) / count, 0)
     spread = jnp.sum(centred**2)
     enough = used >= FEWEST_LOBES
     period = 2 * jnp.sum(centred * times) / jnp.where(spread > 0, spread, 1)
