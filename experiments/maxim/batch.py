@@ -9,6 +9,7 @@ import numpy as np
 
 from experiments.cores import on_all_cores
 from stepax import METHODS, Status, StepRecord, refused
+from stepax._compilation import quick_compilation
 
 
 CHUNK = 25
@@ -48,8 +49,9 @@ class Found(NamedTuple):
     oscillatory: np.ndarray
 
 
-@functools.cache
-def _compiled(way: Way, swings: bool, chunk: int):
+def _one(way: Way, swings: bool):
+    """A method on one record, as arrays."""
+
     def one(case):
         t, y, clean, gain, period = case
         options = dict(way.options)
@@ -67,9 +69,16 @@ def _compiled(way: Way, swings: bool, chunk: int):
         edge = result.status == Status.at_curve_end
         return jnp.where(lost, jnp.nan, values), jnp.where(lost, jnp.nan, error), edge, oscillatory
 
+    return one
+
+
+@functools.cache
+def _compiled(way: Way, swings: bool):
+    one = _one(way, swings)
+
     def chunked(*rows):
-        size = rows[0].shape[0] // chunk
-        parts = [x.reshape(size, chunk, *x.shape[1:]) for x in rows]
+        size = rows[0].shape[0] // CHUNK
+        parts = [x.reshape(size, CHUNK, *x.shape[1:]) for x in rows]
         found = jax.lax.map(jax.vmap(one), tuple(parts))
         return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), found)
 
@@ -81,14 +90,21 @@ def identified(name: str, t, y, clean, gain, period=None) -> Found:
 
     Rows are filled up to whole chunks on every core.
     """
-    count, devices = len(y), jax.device_count()
-    chunk = min(CHUNK, -(-count // devices))
-    size = chunk * devices
+    count, size = len(y), CHUNK * jax.device_count()
     filled = -(-count // size) * size
     rows = np.arange(filled) % count
     wide = lambda x, shape: np.broadcast_to(np.asarray(x, float), shape)[rows]  # noqa: E731
     swings = period is not None
     period = 1.0 if period is None else period
     cases = [wide(x, y.shape) for x in (t, y, clean)] + [wide(x, (count,)) for x in (gain, period)]
-    found = _compiled(WAYS[name], swings, chunk)(*cases)
+    found = _compiled(WAYS[name], swings)(*cases)
     return Found(*(np.asarray(x)[:count] for x in found))
+
+
+def identified_alone(name: str, t, y, clean, gain, period=None) -> Found:
+    """The same for one record: as on the command line, compiled quickly."""
+    way = WAYS[name]
+    numbers = [jnp.asarray(x) for x in (t, y, clean, gain, period or 1.0)]
+    with quick_compilation():
+        found = _one(way, period is not None)(numbers)
+    return Found(*(np.asarray(x)[None] for x in found))

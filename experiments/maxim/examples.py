@@ -5,7 +5,7 @@ import pandas as pd
 from rich.table import Table
 
 from experiments.jakoubek.outcome import Outcome
-from experiments.maxim.batch import Found, identified
+from experiments.maxim.batch import Found, identified, identified_alone
 from experiments.maxim.drawing import LOOKS, legend_below, new_figure, quiet
 from experiments.maxim.noise import noisy
 from experiments.maxim.plants import EXAMPLES
@@ -45,7 +45,7 @@ def noise_free() -> Outcome:
                 "delay": model.delay, "MSE": error, "MSE published": model.mse,
             })  # fmt: skip
         for name in CLEAN:
-            found = identified(name, t, y[None], y[None], setting.gain, setting.period)
+            found = identified_alone(name, t, y, y, setting.gain, setting.period)
             rows.append(_row(number, name, found))
     frame = pd.DataFrame(rows)
     table = Table(*frame.columns, title="Noise-free examples")

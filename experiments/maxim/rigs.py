@@ -5,7 +5,7 @@ import pandas as pd
 from rich.table import Table
 
 from experiments.jakoubek.outcome import Outcome
-from experiments.maxim.batch import identified
+from experiments.maxim.batch import identified_alone
 from experiments.maxim.drawing import LOOKS, new_figure, quiet
 from experiments.maxim.plants import RIGS, Plant
 from experiments.maxim.published import RIGS as PRINTED
@@ -35,7 +35,7 @@ def run() -> Outcome:
             "delay": printed.delay, "MSE": printed.mse,
         })  # fmt: skip
         for method in NAMES:
-            found = identified(method, t, (clean + noise)[None], clean[None], plant.gain, period)
+            found = identified_alone(method, t, clean + noise, clean, plant.gain, period)
             gain, zeta, omega_n, delay = found.parameters[0]
             rows.append({"rig": name, "model": method, "K": gain, "zeta": zeta,
                          "omega_n": omega_n, "delay": delay, "MSE": found.mse[0]})  # fmt: skip

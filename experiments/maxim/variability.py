@@ -54,18 +54,15 @@ def cells() -> list[Cell]:
     found = []
     for zeta in DAMPINGS:
         for delay in DELAYS:
-            levels = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2) if delay == 1 else (0.01, 0.05, 0.1)
+            levels = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2) if delay == 1 else (0.01, 0.1)
             found += [Cell(exact(zeta, delay), zeta, 1.0, "white", level) for level in levels]
         middle = exact(zeta, 1.0)
         found += [Cell(middle, zeta, 1.0, "white", 0.05, length) for length in (1.0, 1.5)]
         found.append(Cell(middle, zeta, 1.0, "white", 0.05, LENGTH, 500))
     for number, plant in EXAMPLES.items():
         damping = 0.5 if number == 2 else None
-        white = [Cell(plant, damping, 10.0, "white", x, listing=True)
-                 for x in (0.005, 0.01, 0.02, 0.05, 0.1, 0.2)]  # fmt: skip
-        found += white + [
-            Cell(plant, damping, 10.0, "input", x, listing=True) for x in (0.01, 0.05, 0.1)
-        ]
+        for kind, level in [(k, x) for k in ("white", "input") for x in (0.01, 0.05, 0.1)]:
+            found.append(Cell(plant, damping, 10.0, kind, level, listing=level == 0.1))
         if number <= 3:
             found.append(Cell(plant, damping, 10.0, "both", np.nan, listing=True))
     return found

@@ -8,7 +8,7 @@ best, and last the vertex of a parabola, through which derivatives flow.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -97,7 +97,7 @@ def scan(
     area: RunningArea,
     parts: Blocks,
     shape: Callable[[Scalar, Scalar, Scalar], Shape],
-    rest: Callable[[FOPDT | SOPDT, Array], Array],
+    rest: Callable[[Any, Array], Array],
     level: Scalar,
     known: bool,
     tail: tuple[Scalar, Scalar],
@@ -186,15 +186,13 @@ def first_order_shape(area: RunningArea, d: Scalar, level: Scalar, lacking: Scal
     return Shape(FOPDT(T=jnp.where(usable, T, 1)), usable, jnp.zeros((), bool))
 
 
-def first_order_rest(plant: FOPDT | SOPDT, x: Array) -> Array:
+def first_order_rest(plant: FOPDT, x: Array) -> Array:
     r"""$\int_x^\infty (1 - g)\,dt$ of one lag."""
-    assert isinstance(plant, FOPDT)
     return plant.T * jnp.exp(-x / plant.T)
 
 
-def second_order_rest(plant: FOPDT | SOPDT, x: Array) -> Array:
+def second_order_rest(plant: SOPDT, x: Array) -> Array:
     r"""$\int_x^\infty (1 - g)\,dt = \tau R(x/\tau)$, with $\tau = 2\zeta/\omega_n$."""
-    assert isinstance(plant, SOPDT)
     total = 2 * plant.zeta / plant.omega_n
     return total * remaining_area(x / total, 0.25 / plant.zeta**2)
 

@@ -12,9 +12,9 @@ $c_2 = b_2$, $c_1 = b_1 - b_2 L$, $c_0 = b_2 L^2/2 - b_1 L$.
 import functools
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._arrays import Samples, Scalar, safe_sqrt
@@ -23,10 +23,10 @@ from .._status import Status
 from ..models._plants import SOPDT, SOPDTZero
 from ..records._areas import RunningArea, running_area
 from ..records._record import StepRecord
-from ._reading import Reading, Span, own_delay
+from ._reading import Delay, Reading, Span, own_delay
 
 
-POWERS = np.arange(-2, 3)
+POWERS = (-2, -1, 0, 1, 2)
 """Powers of time that serve as instruments: they know nothing of the noise."""
 
 ROUNDS = 3
@@ -51,6 +51,7 @@ def wang_guo_zhang(
     instruments: bool = False,
     start: float = 0.05,
     span: Span = None,
+    delay: Delay = 0.0,
 ) -> Identification:
     r"""Second order plus dead time by regression on integrals (Wang, Guo, Zhang 2001).
 
@@ -62,14 +63,16 @@ def wang_guo_zhang(
     **Options:** `gain`: known gain of the plant, then $c_2 = K a_2$ (a known final level of the
     record says the same); `zero`: with a zero, a `SOPDTZero`; `instruments`: instead of least
     squares, which noise in the integrals biases, instrumental variables, the powers of time from
-    -2 to 2 (Wang, Zhang 2001), which scatter more; `span`: LOESS first.
+    -2 to 2 (Wang, Zhang 2001), which scatter more; `span`: LOESS first; `delay`: dead time known
+    beforehand, on top of which L comes.
 
     **Status:** a negative L is left out (`delay_dropped`); coefficients of no stable plant refuse
     with `not_stable`. Under mismatch of the model the result depends on `start`. Standard errors
     are NaN: the method has none.
     """
-    reading = Reading(record, span, 0.0)
-    safe = reading.safe
+    reading = Reading(record, span, delay)
+    late = reading.safe.step_time + reading.delay
+    safe = eqx.tree_at(lambda r: r.step_time, reading.safe, late)
     known = gain is not None or record.final is not None
     away = jnp.where(safe.after_step, safe.y - reading.initial, 0)
     scale = away[jnp.argmax(jnp.abs(away))]
@@ -104,11 +107,12 @@ def _regression(
         used = rows & (t >= first)
         chosen, values = jnp.where(used[:, None], table, 0), jnp.where(used, y, 0)
         if instruments:
-            known_ = jnp.where(used, t, 1)[:, None] ** POWERS[-table.shape[1] :]
-            known_ = jnp.where(used[:, None], known_, 0)
+            safe = jnp.where(used, t, 1)
+            powers = [jnp.where(used, safe**k, 0) for k in POWERS[-table.shape[1] :]]
+            beside = jnp.stack(powers, axis=1)
         else:
-            known_ = jnp.linalg.qr(chosen)[0]
-        solution = jnp.linalg.solve(known_.T @ chosen, known_.T @ values)
+            beside = jnp.linalg.qr(chosen)[0]  # least squares
+        solution = jnp.linalg.solve(beside.T @ chosen, beside.T @ values)
         found = Equation(*solution, *([solution[1]] if known else []))
         late = jax.lax.stop_gradient(-found.c1 / found.c2)
         late = jnp.where(jnp.isfinite(late), jnp.clip(late, first, 0.8), first)
@@ -161,4 +165,5 @@ def _with_zero(
     """Squared error over the rows, in the unit of the response; a negative dead time is dropped."""
     model = SOPDTZero(zeta=zeta, omega_n=omega_n, lead=lead)
     residual = area.y - level * model.unit_response(area.t - jnp.maximum(delay, 0))
-    return jnp.sum(jnp.where(reading.safe.after_step, residual, 0) ** 2)
+    rows = reading.safe.present & (area.t >= 0)
+    return jnp.sum(jnp.where(rows, residual, 0) ** 2)
