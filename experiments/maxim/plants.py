@@ -36,8 +36,8 @@ class Plant:
             products = [np.prod(-np.delete(poles, k) / (p - np.delete(poles, k)))
                         for k, p in enumerate(poles)]  # fmt: skip
             residues = numerator(poles) * np.array(products)
-            return np.sum(residues[:, None] * np.exp(poles[:, None] * t), axis=0).real
-        denominator = np.poly(poles).real
+            return np.real(np.sum(residues[:, None] * np.exp(poles[:, None] * t), axis=0))
+        denominator = np.real(np.poly(poles))
         companion = np.eye(len(poles), k=1)
         companion[-1] = -denominator[:0:-1]
         output = np.zeros(len(poles))
