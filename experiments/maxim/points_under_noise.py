@@ -20,7 +20,7 @@ from stepax.records import _characterise
 
 
 LEVELS = (0.0, 0.01, 0.05, 0.1)
-SEQUENCES, SAMPLES, END = 400, 250, 6.0
+SEQUENCES, SAMPLES, END = 400, 250, 8.0
 CHUNK = 25
 NAMES = [name for name, row in ROWS.items() if row.levels and not row.has_tangent]
 

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from rich.progress import track
 from rich.table import Table
 
 from experiments.jakoubek.outcome import Outcome
@@ -143,7 +144,8 @@ def _parameters(values, limits) -> dict:
 
 
 def run() -> Outcome:
-    frame = pd.DataFrame([row for k, cell in enumerate(cells()) for row in _rows(cell, k)])
+    rows = [row for k, cell in enumerate(track(cells(), "cells")) for row in _rows(cell, k)]
+    frame = pd.DataFrame(rows)
     return Outcome(frame, _draw(frame), _table(frame), _numbers(frame))
 
 
