@@ -95,19 +95,17 @@ def cubic(t, y, row):
 
 
 def crossing(t, y, level):
-    """Middle of the first and the last upward crossing on the way to the largest value."""
+    """Upward crossing on the way to the largest value up to which the sum of y - level is least."""
     upward = np.flatnonzero((y[:-1] < level) & (y[1:] >= level))
     upward = upward[upward < np.argmax(y)]
     if len(upward) == 0:
         return np.nan
-    times = []
-    for row in (upward[0], upward[-1]):
-        f, low, high = cubic(t, y, row), float(t[row]), float(t[row + 1])
-        for _ in range(50):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if f(middle) < level else (low, middle)
-        times.append(0.5 * (low + high))
-    return 0.5 * (times[0] + times[1])
+    row = upward[np.argmin(np.cumsum(y - level)[upward])]
+    f, low, high = cubic(t, y, row), float(t[row]), float(t[row + 1])
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if f(middle) < level else (low, middle)
+    return 0.5 * (low + high)
 
 
 def reading(t, y, time):

@@ -12,7 +12,7 @@ from ._compilation import quick_compilation, side_by_side
 from ._identify import aicc_of, filled_record, identify, parameter_count, refuse_tracers
 from ._result import Identification, conclude
 from ._status import Status, refused, status_name
-from .methods import FITS, METHODS, ROWS, read_by_all
+from .methods import FITS, METHODS, ROWS, SCANS, read_by_all
 from .methods._method import Method
 from .models._abstract import AbstractPlant
 from .models._deviation import squared_deviation
@@ -155,12 +155,14 @@ def compare(
 
 
 def _results(record: StepRecord, names: Sequence[str]) -> dict[str, Identification]:
-    """Results by method: fits side by side, and all others as one, which reads the record once."""
-    together = tuple(name for name in METHODS if name in names and name not in FITS)
-    alone = [name for name in names if name not in together]
+    """Results by method: fits side by side, scans of the dead time and all others as one each."""
+    chosen = [name for name in METHODS if name in names and name not in FITS]
+    scans = tuple(name for name in chosen if name in SCANS)
+    others = tuple(name for name in chosen if name not in SCANS)
+    alone = [name for name in names if name not in chosen]
 
-    def read() -> dict[str, Identification]:
-        found = read_by_all(filled_record(record), together) if together else []
+    def read(together: tuple[str, ...]) -> dict[str, Identification]:
+        found = read_by_all(filled_record(record), together)
         return {
             name: dataclasses.replace(
                 x, record=record, details=x.details | record.details, method=name
@@ -172,7 +174,8 @@ def _results(record: StepRecord, names: Sequence[str]) -> dict[str, Identificati
         return {name: identify(record, name, all_rows=True)}
 
     with quick_compilation():  # what compiles longest begins
-        parts = side_by_side([read, *(partial(fit, name) for name in reversed(alone))])
+        readings = [partial(read, together) for together in (others, scans) if together]
+        parts = side_by_side([*readings, *(partial(fit, name) for name in reversed(alone))])
     return {name: result for part in parts for name, result in part.items()}
 
 

@@ -61,6 +61,9 @@ DETAILS = {
     "variance": "second central moment of the impulse response",
     "skewness": "its third moment over the standard deviation cubed",
     "order": "order before it was rounded",
+    "period": "period of the oscillation",
+    "lobes": "extrema of the integral signal that count, two a period",
+    "oscillatory": "whether the oscillatory branch was taken",
     # of a fit
     "steps": "iterations of the solver",
     "at_bound": "which parameters of `free` ended on a bound",

@@ -36,6 +36,7 @@ class Status(eqx.Enumeration):
     beyond_second_order = "Two lags are not enough: a dead time, a higher order or oscillation."
     invalid_times = "The characteristic times are not positive and increasing."
     invalid_moments = "The areas or moments of the response are not positive."
+    not_stable = "The regression on the record's integrals gives no stable model."
     not_converged = "The least-squares iteration did not converge."
 
 

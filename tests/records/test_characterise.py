@@ -129,7 +129,7 @@ def test_noise_biases_crossings_less_than_the_first_crossing():
     """Where the response is slow, noise crosses a level early as often as late."""
     t = sampling(400)
     clean = response(Hudzovic(**PLANT), t)
-    y = clean + 0.01 * np.random.default_rng(5).normal(size=(400, t.size))
+    y = clean + 0.01 * np.random.default_rng(5).normal(size=(3000, t.size))
     ones = np.ones(len(y))
     times = np.asarray(compiled_crossings()(np.tile(t, (len(y), 1)), y, 0 * ones, 0 * ones, ones))
     first = np.stack([t[np.argmax(y >= q, axis=1)] for q in LEVELS], axis=1)
@@ -137,6 +137,40 @@ def test_noise_biases_crossings_less_than_the_first_crossing():
     bias, bias_of_first = (np.mean(x, axis=0) - expected for x in (times, first))
     assert np.abs(bias).max() < 0.25 * np.abs(bias_of_first).max()
     assert (np.abs(bias)[1:] < 0.25 * np.abs(bias_of_first)[1:]).all()
+
+
+def monotone_regression(y):
+    """Pool adjacent violators, one sample after the other."""
+    pools = []
+    for value in y:
+        pools.append([value, 1])
+        while len(pools) > 1 and pools[-2][0] >= pools[-1][0]:
+            (a, m), (b, n) = pools[-2:]
+            pools[-2:] = [[(m * a + n * b) / (m + n), m + n]]
+    return np.repeat(*map(np.array, zip(*pools, strict=True)))
+
+
+def test_noisy_crossings_are_those_of_the_monotone_regression():
+    t = sampling(250, end=25)
+    y = response(Hudzovic(**PLANT), t) + 0.05 * np.random.default_rng(7).normal(size=(50, t.size))
+    ones = np.ones(len(y))
+    times = np.asarray(compiled_crossings()(np.tile(t, (len(y), 1)), y, 0 * ones, 0 * ones, ones))
+    for row, found in zip(y, times, strict=True):
+        row = np.where(t > 0, row, 0)
+        regression = monotone_regression(row[: np.argmax(row) + 1])
+        for level, time in zip(LEVELS, found, strict=True):
+            above = np.argmax(regression >= level)
+            assert t[above - 1] - 0.1 <= time <= t[above] + 0.1
+
+
+def test_late_noise_does_not_move_a_level():
+    """A drop in the tail below the level, and back."""
+    t = sampling(400)
+    y = np.tile(response(Hudzovic(**PLANT), t), (2, 1))
+    y[1, 200] = 0.4
+    lanes = np.stack([t, t]), y, np.zeros(2), np.zeros(2), np.ones(2)
+    clean, dropped = np.asarray(compiled_crossings()(*lanes))
+    assert np.array_equal(clean, dropped)
 
 
 def test_smoothing_first_helps_with_noise():

@@ -27,7 +27,9 @@ from ._lookup import (
     sani_tu_tg,
 )
 from ._method import Method, compiled_method
+from ._rdkam import rdkam, rdkam_fopdt, rdkam_oscillatory, rdkam_sopdt
 from ._reading import shared_readings
+from ._regression import wang_guo_zhang
 from ._tables import LATZEL_LEVELS, latzel, strejc
 from ._tangents import ONE_LAG, oldenbourg_sartorius, tangent_63, ziegler_nichols_tangent
 from ._three_points import (
@@ -96,6 +98,12 @@ _ROWS: dict[Callable[..., Identification], Method] = {
     moments_fopdt: Method(FOPDT, "first"),
     moments_sopdt: Method(PTn, "second"),
     moments_ptn: Method(EqualLag, "nth", order_found=True),
+    # areas for every dead time, and integrals
+    rdkam_fopdt: Method(FOPDT, "first"),
+    rdkam_sopdt: Method(SOPDT, "second"),
+    rdkam_oscillatory: Method(SOPDT, "second"),
+    rdkam: Method(SOPDT, "second"),
+    wang_guo_zhang: Method(SOPDT, "second"),
     # least squares
     hudzovic_fit: Method(Hudzovic, "nth", order_found=True),
     sani_fit: Method(Sani, "nth", order_found=True),
@@ -113,6 +121,9 @@ METHODS: dict[str, Callable[..., Identification]] = {
 
 FITS = frozenset(method.__name__ for method in _ROWS if method.__module__ == fopdt_fit.__module__)
 """Methods that minimise the squared error; all others read points, tangents or areas."""
+
+SCANS = frozenset(method.__name__ for method in _ROWS if method.__module__ == rdkam.__module__)
+"""Methods that scan the dead time; they share one scan."""
 
 ROWS: dict[str, Method] = {method.__name__: row for method, row in _ROWS.items()}
 """What there is to know about each method."""

@@ -49,8 +49,11 @@ class Method(NamedTuple):
         return [(Tu, 0.0), (Tu + Tg, 1.0)]
 
 
-TRACED = ("delay", "weights")
-"""Options that may hold arrays: another value of them compiles nothing anew."""
+NUMBERS = ("delay", "gain", "period", "min_delay", "max_delay")
+"""Options that are a number in the record's dtype: another value of them compiles nothing anew."""
+
+TRACED = (*NUMBERS, "weights")
+"""Options that may hold arrays."""
 
 
 def compiled_method(method: Callable[..., Identification]) -> Callable[..., Identification]:
@@ -78,8 +81,9 @@ def prepared(
                 f"Method {method!r} has no option {name!r}; it has {', '.join(known)}."
             )
     options = {k: x if k in TRACED else _static(x) for k, x in options.items()}
-    if isinstance(options.get("delay"), int | float | np.generic | np.ndarray | jax.Array):
-        options["delay"] = jnp.asarray(options["delay"], record.t.dtype)
+    for name in NUMBERS:
+        if isinstance(options.get(name), int | float | np.generic | np.ndarray | jax.Array):
+            options[name] = jnp.asarray(options[name], record.t.dtype)
     return options
 
 

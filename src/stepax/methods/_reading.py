@@ -105,7 +105,7 @@ class Reading:
 
     def __init__(self, record: StepRecord, span: Span, delay: Delay):
         self.record, self._span = record, span
-        problem, self.safe = self._once("record", lambda: _held(record, span))
+        problem, self.safe = self.once("record", lambda: _held(record, span))
         assert self.safe.initial is not None and self.safe.final is not None
         self.initial, self.final = self.safe.initial, self.safe.final
         self.delay = jnp.asarray(delay, record.t.dtype)
@@ -138,7 +138,7 @@ class Reading:
 
         Remembered as Tu, Tg, t_inflection.
         """
-        line = self._once("tangent", lambda: tangent(self.safe))
+        line = self.once("tangent", lambda: tangent(self.safe))
         found = jnp.isfinite(line.Tg) & (line.Tg > 0)
         status = Status.where(found, Status.successful, Status.no_inflection)
         self.remember(status, Tu=line.Tu, Tg=line.Tg, t_inflection=line.t_inflection)
@@ -149,8 +149,8 @@ class Reading:
         """Integrals of t^k (1 - y) from the step on; a method says itself which it can use."""
         return integrals(self.safe, powers, upper)
 
-    def _once(self, what: str, read: Callable[[], Any]) -> Any:
-        """What `read` gives, or what a method before has read."""
+    def once(self, what: str, read: Callable[[], Any]) -> Any:
+        """What `read` gives, or what a method before has read: with default options alone."""
         shared = _SHARED.get()
         if shared is None or shared.record is not self.record:
             return read()
@@ -166,7 +166,7 @@ class Reading:
         if not known or not set(levels) <= set(known):
             return crossing_times(self.safe, jnp.asarray(levels, dtype))
         every = lambda: crossing_times(self.safe, jnp.asarray(known, dtype))  # noqa: E731
-        return self._once("crossings", every)[np.array([known.index(level) for level in levels])]
+        return self.once("crossings", every)[np.array([known.index(level) for level in levels])]
 
     def remember(self, status: Status, **details: Array) -> None:
         """What else a method reads: whether that can be used, and what it is, by name."""
@@ -178,9 +178,12 @@ class Reading:
         model: AbstractPlant,
         *statuses: Status,
         own: OwnDelay | None = None,
+        response: Array | None = None,
         **details: Array,
     ) -> Identification:
         """The result: `model` with gain, offset and dead time, and the first problem there was.
+
+        `response` is that of the model to a unit step at the rows, where it is known already.
 
         Problems are asked for in this order: the record, what was read, `statuses`, and the dead
         time of the method's `own`, which comes on top of the one known beforehand. `details` of the
@@ -198,7 +201,7 @@ class Reading:
             lambda m: (m.gain, m.offset, m.delay), model, (gain, self.initial, delay)
         )
         details = nan_where(unread(status), details) | self.record.details
-        return conclude(self.record, model, status, details=details)
+        return conclude(self.record, model, status, response=response, details=details)
 
 
 def _held(record: StepRecord, span: Span) -> tuple[Status, StepRecord]:

@@ -69,23 +69,27 @@ def crossing_times(
 
     **Returns:** one time per level, by the cubic through the four nearest samples (error of fourth
     order in the sampling interval). Where noise crosses a level several times on the way up to the
-    largest value, the middle between the first and the last upward crossing; later returns through
-    a level (oscillation) do not count. NaN where the response never crosses.
+    largest value, the upward crossing at which the monotone regression of the record does: the one
+    up to which the sum of y - q is least (Groeneboom's switching relation). What comes late in a
+    slow tail does not move it. Later returns through a level (oscillation) do not count. NaN where
+    the response never crosses.
     """
     record = compact(record)
     q = as_real(levels).astype(record.t.dtype)
     y, t, count = relative_response(record, span), record.elapsed, record.count
-    times = jax.vmap(lambda level: _crossing(t, y, level, count))(jnp.atleast_1d(q))
+    times = jax.vmap(lambda level: crossing(t, y, level, count))(jnp.atleast_1d(q))
     return times.reshape(q.shape)
 
 
-def _crossing(t: Samples, y: Samples, level: Scalar, count: Count | int) -> Scalar:
+def crossing(t: Samples, y: Samples, level: Scalar, count: Count | int) -> Scalar:
+    """`crossing_times` on plain arrays, of one level."""
     rows = jnp.arange(y.shape[0] - 1)
     upward = (y[:-1] < level) & (y[1:] >= level) & (rows < jnp.argmax(y))
-    first = jnp.argmax(upward)
-    last = y.shape[0] - 2 - jnp.argmax(upward[::-1])
-    times = jax.vmap(lambda row: _interpolate(t, y, row, level, count))(jnp.stack([first, last]))
-    return jnp.where(jnp.any(upward), jnp.mean(times), jnp.nan)
+    # The monotone regression lies below a level up to where this sum is least, and there the
+    # samples cross upwards by themselves.
+    below = jnp.cumsum(y[:-1] - level)
+    row = jnp.argmin(jnp.where(upward, below, jnp.inf))
+    return jnp.where(jnp.any(upward), _interpolate(t, y, row, level, count), jnp.nan)
 
 
 def cubic_at(
