@@ -86,11 +86,25 @@ def in_groups(function: Callable[..., Any]) -> Callable[..., Any]:
         def together(leaves: list[Array], batched: tuple[bool, ...], size: int) -> Any:
             return _group_by_group(alone, leaves, batched, size)
 
+        def derivative(primals: Any, tangents: Any) -> Any:
+            found, moves = eqx.filter_jvp(alone, primals, tangents)
+            return _in_every_lane(found, primals), moves
+
         call = eqx.filter_custom_jvp(with_batch(alone, together))
-        call.def_jvp(lambda primals, tangents: eqx.filter_jvp(alone, primals, tangents))
+        call.def_jvp(derivative)
         return eqx.combine(call(leaves), rest[-1])
 
     return grouped
+
+
+def _in_every_lane(results: Any, arguments: Any) -> Any:
+    """Results as they are, each with the lanes of the arguments, on which it need not depend.
+
+    A rule for derivatives must give what the function gives, in which all results have lanes.
+    """
+    one = [jnp.ravel(x)[0] for x in jax.tree.leaves(arguments)]
+    lanes = jnp.all(jnp.stack([x == x for x in one]))
+    return jax.tree.map(lambda x: jnp.where(lanes, x, x), results)
 
 
 def _group_by_group(

@@ -22,10 +22,17 @@ import optimistix as optx
 from jax import export
 
 
-NOT_KEPT = (ValueError, TypeError, AttributeError, NotImplementedError, pickle.PicklingError)
+NOT_KEPT = (
+    ValueError,
+    TypeError,
+    AttributeError,
+    ImportError,
+    NotImplementedError,
+    pickle.PicklingError,
+)
 """What exporting or pickling raise for a function or an option that cannot be kept."""
 
-UNREADABLE = (*NOT_KEPT, OSError, EOFError, ImportError, LookupError, pickle.UnpicklingError)
+UNREADABLE = (*NOT_KEPT, OSError, EOFError, LookupError, pickle.UnpicklingError)
 """What a file raises that is missing or damaged."""
 
 KNOWN = ("builtins", "stepax", "jax", "jaxlib", "equinox", "optimistix", "numpy", "collections")
