@@ -1,5 +1,8 @@
 """Where the estimates of single cells lie: scatter, responses, and error over the dead time."""
 
+import functools
+
+import jax
 import numpy as np
 import pandas as pd
 
@@ -8,6 +11,7 @@ from experiments.maxim.batch import identified
 from experiments.maxim.drawing import LOOKS, new_figure, quiet
 from experiments.maxim.noise import at_level
 from experiments.maxim.plants import EXAMPLES, Plant, mode
+from stepax import METHODS, StepRecord
 
 
 CASES = {
@@ -52,23 +56,23 @@ def run() -> Outcome:
     return Outcome(pd.DataFrame(rows, columns=columns), figure)
 
 
+@functools.cache
+def _errors(name):
+    """Root mean square error of the model for each dead time, of one record."""
+
+    def one(d, t, y, gain):
+        record = StepRecord(t, y, initial=0.0)
+        return METHODS[name](record, gain=gain, min_delay=d, max_delay=d).rmse
+
+    return jax.jit(jax.vmap(one, in_axes=(0, None, None, None)))
+
+
 def _error_over_delay(axes, plant, t, clean, y):
     """Squared error of the best model of each dead time, first branch and oscillatory."""
-    import jax
-
-    from stepax import METHODS, StepRecord
-
     delays = np.linspace(0, plant.delay + 0.1 * t[-1], 120)
     for name, color in (("rdkam_sopdt", "#1f5fa8"), ("rdkam_oscillatory", "#d2560a")):
         for record, line in ((clean, "-"), (y, ":")):
-
-            def error(d, name=name, record=record):
-                result = METHODS[name](
-                    StepRecord(t, record, initial=0.0), gain=plant.gain, min_delay=d, max_delay=d
-                )
-                return result.rmse
-
-            found = np.asarray(jax.jit(jax.vmap(error))(delays))
+            found = np.asarray(_errors(name)(delays, t, record, plant.gain))
             if np.isfinite(found).any():
                 label = f"{name}{'' if line == '-' else ', noisy'}"
                 axes.plot(delays, found**2, color=color, linestyle=line, label=label)
