@@ -46,7 +46,7 @@ def test_nested_batches_are_one():
     np.testing.assert_array_equal(found["sum"], np.asarray(x) + np.asarray(y) + 5.0)
     np.testing.assert_array_equal(found["twice"], 2 * x)
     assert sizes[-1] == (6, (True, True, False))
-    assert call([x, y, z])["sum"].shape == (2, 3)
+    assert call([x[0], y, z])["sum"].shape == (3,)
 
 
 def test_groups_change_nothing(monkeypatch):

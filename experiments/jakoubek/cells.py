@@ -128,7 +128,7 @@ def rows(name: str) -> tuple[Row, ...]:
 
 
 def _read(method: str, record: StepRecord, system: System, **options) -> Reading:
-    result = identify(record, method, **options)
+    result = identify(record, method, all_rows=True, **options)
     model = None
     if not bool(refused(result.status)):
         model = chain(_lags_of(result.model), float(result.model.delay))

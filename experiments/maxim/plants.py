@@ -55,7 +55,7 @@ class Plant:
 
     def settling_time(self, band=0.02):
         """Time after the delay from which on the response stays within a band of its end."""
-        t = np.linspace(0, 12 / np.min(-self.poles().real), 20_001)
+        t = np.linspace(0, 12 / np.min(-np.real(self.poles())), 20_001)
         outside = np.abs(self.response(t + self.delay) / self.gain - 1) > band
         return t[len(t) - 1 - np.argmax(outside[::-1])]
 

@@ -62,7 +62,7 @@ def compiled(function: Callable[..., Any], effort: int = 0) -> Callable[..., Any
     def program(arguments: Any) -> Callable[..., Any]:
         """What was kept of the function for such arguments, else the function itself."""
         folder, settings = cache_folder(), tuple(contexts().values())
-        if folder is None or jax.config.jax_disable_jit:
+        if folder is None or contexts()["disable_jit"]:
             return quick
         key = Signature(arguments), folder, settings
         if key not in programs:

@@ -77,8 +77,9 @@ class _Traced(NamedTuple):
 
 def cache_folder() -> Path | None:
     """Where programs are kept; None unless JAX's persistent cache is in use, on this machine."""
-    name = jax.config.jax_compilation_cache_dir
-    if not name or "://" in name or not jax.config.jax_enable_compilation_cache:
+    settings: Any = jax.config
+    name = settings.jax_compilation_cache_dir
+    if not name or "://" in name or not settings.jax_enable_compilation_cache:
         return None
     return Path(name) / "stepax"
 
@@ -131,9 +132,9 @@ def _trace(function: Callable[..., Any], signature: Signature) -> _Traced:
     def run(*leaves: Any) -> list[Any]:
         args, kwargs = signature.arguments(leaves)
         arrays, rest = eqx.partition(function(*args, **kwargs), eqx.is_array)
-        leaves, form = jax.tree.flatten(arrays)
-        results.append((jax.tree.unflatten(form, range(len(leaves))), rest))
-        return leaves
+        found, form = jax.tree.flatten(arrays)
+        results.append((jax.tree.unflatten(form, range(len(found))), rest))
+        return found
 
     program = export.export(jax.jit(run))(*signature.types).serialize()
     return _Traced(bytes(program), *results[-1])

@@ -86,13 +86,14 @@ class _Lane(NamedTuple):
     def begin(self, leaves: list[Array]) -> tuple[Array, Any]:
         """Start, and state before the first step."""
         search = self.whole(leaves)
-        return search.start, search.solver.init(*self._arguments(search), None, None, frozenset())
+        fn, start, problem, options = self._arguments(search)
+        return start, search.solver.init(fn, start, problem, options, None, None, frozenset())
 
     def step(self, leaves: list[Array], y: Array, state: Any) -> tuple[Array, Any]:
         """One step."""
         search = self.whole(leaves)
-        fn, _, *more = self._arguments(search)
-        y, state, _ = search.solver.step(fn, y, *more, state, frozenset())
+        fn, _, problem, options = self._arguments(search)
+        y, state, _ = search.solver.step(fn, y, problem, options, state, frozenset())
         return y, state
 
     def has_ended(self, y: Array, state: Any, steps: Array) -> Array:
@@ -106,7 +107,7 @@ class _Lane(NamedTuple):
         x = jnp.clip(y, search.lower, search.upper)
         return Ended(x, state.converged & ~state.failed, steps, state.cost)
 
-    def _arguments(self, search: Search) -> tuple[Any, ...]:
+    def _arguments(self, search: Search) -> tuple[Any, Array, Any, dict[str, Any]]:
         bounds = {"lower": search.lower, "upper": search.upper}
         residual = lambda x, problem: (problem.residual(x), None)  # noqa: E731
         return residual, search.start, search.problem, self.options | bounds
@@ -115,10 +116,9 @@ class _Lane(NamedTuple):
 def _queue(lane: _Lane, leaves: list[Array], batched: tuple[bool, ...], size: int) -> Ended:
     """Each place works on a lane; where one has ended, the next in the queue takes its place."""
     axes = axes_of(batched)
-    begin, step, end = (
-        jax.vmap(function, in_axes=(axes, *rest))
-        for function, rest in ((lane.begin, ()), (lane.step, (0, 0)), (lane.end, (0, 0, 0)))
-    )
+    begin = jax.vmap(lane.begin, in_axes=(axes,))
+    step = jax.vmap(lane.step, in_axes=(axes, 0, 0))
+    end = jax.vmap(lane.end, in_axes=(axes, 0, 0, 0))
     wanted = jax.vmap(lambda x: lane.whole(x).wanted, in_axes=(axes,), axis_size=size)(leaves)
     count, queue = jnp.sum(wanted), jnp.argsort(~wanted)  # those that are wanted first
     places = min(size, max(4, SAMPLES_AT_ONCE // lane.rows))

@@ -75,13 +75,13 @@ class Levels(eqx.Module):
 
         (Golub and Pereyra 1973), weights w in the inner products.
         """
-        if self.final is None and self.offset is None:
-            total = jnp.sum(w)
+        total, found = jnp.sum(w), self.final is None and self.offset is None
+        if found:
             moves = [h - (w @ h) / total for h in moves]
         if self.gain is not None:
             return [-amplitude * h for h in moves]
         d = g if self.final is None else g - 1
-        if self.final is None and self.offset is None:
+        if found:
             d = d - (w @ d) / total
         wd, wr = w * d, w * residual
         square = wd @ d
