@@ -121,7 +121,8 @@ def _queue(lane: _Lane, leaves: list[Array], batched: tuple[bool, ...], size: in
     end = jax.vmap(lane.end, in_axes=(axes, 0, 0, 0))
     wanted = jax.vmap(lambda x: lane.whole(x).wanted, in_axes=(axes,), axis_size=size)(leaves)
     count, queue = jnp.sum(wanted), jnp.argsort(~wanted)  # those that are wanted first
-    places = min(size, max(4, SAMPLES_AT_ONCE // lane.rows))
+    places = max(4, SAMPLES_AT_ONCE // lane.rows)
+    places = size if size <= 2 * places else places  # few would leave most places empty in the end
 
     def of(lanes: Array) -> list[Array]:
         return [x[lanes] if flag else x for x, flag in zip(leaves, batched, strict=True)]
