@@ -85,7 +85,10 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         products = inner_products([*jacobian, residual])
         cost = 0.5 * products[-1, -1]
         cost = jnp.where(jnp.isfinite(cost), cost, jnp.inf)
-        better = cost < state.cost
+        # Below rounding of the cost the gradient alone tells: such a step is taken on its word.
+        eps = jnp.finfo(cost.dtype).eps
+        within = (state.predicted <= eps * state.cost) & (cost <= state.cost * (1 + 8 * eps))
+        better = (cost < state.cost) | (within & (state.predicted > 0))
         curved = "curvature" in options
         damping, growth = _next_damping(state, cost, better, curved)
 
