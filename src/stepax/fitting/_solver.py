@@ -86,8 +86,10 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         cost = 0.5 * products[-1, -1]
         cost = jnp.where(jnp.isfinite(cost), cost, jnp.inf)
         # Below rounding of the cost the gradient alone tells: such a step is taken on its word.
-        eps = jnp.finfo(cost.dtype).eps
-        within = (state.predicted <= eps * state.cost) & (cost <= state.cost * (1 + 8 * eps))
+        # Data are of size one, so each residual is rounded by some eps, the contour's by 64 at most
+        # (test_gradient_through_the_fit), and the cost by that of their root sum.
+        rounding = jnp.finfo(cost.dtype).eps * (state.cost + jnp.sqrt(2 * state.cost))
+        within = (state.predicted <= rounding) & (cost <= state.cost + 64 * rounding)
         better = (cost < state.cost) | (within & (state.predicted > 0))
         curved = "curvature" in options
         damping, growth = _next_damping(state, cost, better, curved)
