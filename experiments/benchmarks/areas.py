@@ -15,9 +15,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from experiments.cores import on_all_cores, use_all_cores
+from experiments.cores import use_all_cores
 from experiments.maxim.plants import random_records
-from stepax import METHODS, StepRecord
+from stepax import METHODS, StepRecord, over_devices
 
 
 RECORDS, CHUNK, LOOPED, REPETITIONS = 1000, 25, 2, 3
@@ -90,7 +90,7 @@ def main() -> None:
         rows = [np.tile(x, (5, 1)) for x in (t, y)]
         rows[1] = rows[1] + 0.02 * np.random.default_rng(1).standard_normal(rows[1].shape)
         alone, busy = seconds(jax.jit(scan("rdkam")), rows) / RECORDS
-        together = seconds(on_all_cores(scan("rdkam")), rows)[0] / RECORDS
+        together = seconds(over_devices(scan("rdkam")), rows)[0] / RECORDS
         begin = time.process_time()
         for k in range(LOOPED):
             looped(t[k], y[k])

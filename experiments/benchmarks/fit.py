@@ -39,9 +39,9 @@ from rich.table import Table
 from scipy import signal
 from scipy.optimize import curve_fit
 
-from experiments.cores import on_all_cores, use_all_cores
+from experiments.cores import use_all_cores
 from experiments.numpy_responses import chain_lags, chain_response, hudzovic_response
-from stepax import Hudzovic, Sani, StepRecord, refine
+from stepax import Hudzovic, Sani, StepRecord, over_devices, refine
 from stepax.fitting._problem import Problem
 from stepax.fitting._solver import inner_products
 from stepax.methods._starts import chain_start
@@ -193,16 +193,16 @@ def evaluation(family, everything, evaluations, t, y, T, r, delay, n):
 def measure(family, order, everything):
     """Rows of the table for one family."""
     keys = jax.random.split(jax.random.key(1), PLANTS)
-    records = on_all_cores(chunked(functools.partial(draw, family, order, everything)))(keys)
+    records = over_devices(chunked(functools.partial(draw, family, order, everything)))(keys)
     host = [np.asarray(x) for x in records]
     cost, rows = {}, {}
 
-    ours = on_all_cores(chunked(functools.partial(by_stepax, family, everything)))
+    ours = over_devices(chunked(functools.partial(by_stepax, family, everything)))
     duration, (found, steps, bound) = seconds(ours, records)
     cost["a"] = costs(family, host, found)
     rate = PLANTS / duration
     number = round(float(np.mean(steps)))
-    floor = on_all_cores(chunked(functools.partial(evaluation, family, everything, number)))
+    floor = over_devices(chunked(functools.partial(evaluation, family, everything, number)))
     least = seconds(floor, records)[0]
     name = "a  stepax.refine"
     rows["a"] = {"engine": name, "plants": PLANTS, "plants/s": rate, "floor": least / duration}
@@ -247,7 +247,7 @@ def million(count=1_000_000):
         row, steps, _ = by_stepax(Hudzovic, False, *draw(Hudzovic, 4, False, key))
         return row[:2], steps
 
-    compiled = on_all_cores(chunked(lambda keys: one(keys)))
+    compiled = over_devices(chunked(lambda keys: one(keys)))
     keys = jax.random.split(jax.random.key(2), count)
     duration, (found, _) = seconds(compiled, [keys])
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20

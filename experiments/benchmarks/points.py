@@ -28,8 +28,8 @@ from rich.console import Console
 from rich.table import Table
 from scipy import special
 
-from experiments.benchmarks.fit import chunked, on_all_cores, seconds
-from stepax import METHODS, PTn, StepRecord, refused
+from experiments.benchmarks.fit import chunked, seconds
+from stepax import METHODS, PTn, StepRecord, over_devices, refused
 
 
 SAMPLES, NOISE, CHUNK = 250, 0.01, 64
@@ -255,10 +255,10 @@ def main():
     machine += f", float64, jax {jax.__version__}, load {os.getloadavg()[0]:.1f}"
 
     keys = jax.random.split(jax.random.key(1), RECORDS)
-    records = on_all_cores(chunked(draw, CHUNK))(keys)
+    records = over_devices(chunked(draw, CHUNK))(keys)
     host = [np.asarray(x[:LOOPED]) for x in records]
-    duration, (found, lost) = seconds(on_all_cores(chunked(by_stepax, CHUNK)), records)
-    errors = on_all_cores(chunked(lambda t, y: by_stepax(t, y, True), CHUNK))
+    duration, (found, lost) = seconds(over_devices(chunked(by_stepax, CHUNK)), records)
+    errors = over_devices(chunked(lambda t, y: by_stepax(t, y, True), CHUNK))
     longer = seconds(errors, records)[0]
     charts, loop, rows = Charts(), [], np.zeros(0)
     for _ in range(REPETITIONS):

@@ -9,8 +9,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from experiments.drawing import new_figure, quiet
 from experiments.jakoubek.cells import all_rows
-from experiments.jakoubek.drawing import HELP, LEGEND, MARK, new_figure, quiet
+from experiments.jakoubek.drawing import HELP, LEGEND, MARK
 from experiments.jakoubek.outcome import Outcome
 from experiments.jakoubek.systems import SYSTEMS
 from stepax.curves._roots import clamped_root

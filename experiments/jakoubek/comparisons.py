@@ -4,8 +4,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from experiments.drawing import new_figure, quiet
 from experiments.jakoubek.cells import Row, rows
-from experiments.jakoubek.drawing import HELP, LOOKS, SYSTEM, new_figure, quiet
+from experiments.jakoubek.drawing import HELP, LOOKS, SYSTEM
 from experiments.jakoubek.outcome import Outcome
 from experiments.jakoubek.published import METHODS
 from experiments.jakoubek.systems import SYSTEMS, response

@@ -1,10 +1,6 @@
 """How everything is drawn: one colour, dash and marker for each method in all figures."""
 
-from collections.abc import Iterable
 from typing import Any, NamedTuple
-
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 
 class Look(NamedTuple):
@@ -27,15 +23,3 @@ LEGEND = {"framealpha": 1, "edgecolor": "none", "fancybox": False}
 """A legend on white, so that no guide line runs through it."""
 SYSTEM, HELP, MARK = "0.62", "0.4", "#d2560a"
 """Colours of the system's response, of guide lines and of what a method reads."""
-
-
-def new_figure(size: tuple[float, float]) -> Figure:
-    return Figure(figsize=size, layout="constrained")
-
-
-def quiet(panels: Iterable[Axes]) -> None:
-    """A quiet frame and grid."""
-    for axes in panels:
-        axes.grid(color="0.92", linewidth=0.6)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)

@@ -7,8 +7,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from experiments.drawing import new_figure, quiet
 from experiments.jakoubek.cells import all_rows
-from experiments.jakoubek.drawing import HELP, LEGEND, LOOKS, MARK, SYSTEM, new_figure, quiet
+from experiments.jakoubek.drawing import HELP, LEGEND, LOOKS, MARK, SYSTEM
 from experiments.jakoubek.outcome import Outcome
 from experiments.jakoubek.published import METHODS
 from experiments.jakoubek.systems import GAIN, SYSTEMS, response

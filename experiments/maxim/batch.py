@@ -7,8 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from experiments.cores import on_all_cores
-from stepax import METHODS, Status, StepRecord, refused
+from stepax import METHODS, Status, StepRecord, over_devices, refused
 from stepax._compilation import quick_compilation
 
 
@@ -82,7 +81,7 @@ def _compiled(way: Way, swings: bool):
         found = jax.lax.map(jax.vmap(one), tuple(parts))
         return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), found)
 
-    return on_all_cores(chunked)
+    return over_devices(chunked)
 
 
 def identified(name: str, t, y, clean, gain, period=None) -> Found:

@@ -1,6 +1,5 @@
 """How everything is drawn: one colour and dash for each method in all figures."""
 
-from collections.abc import Iterable
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -17,18 +16,6 @@ LOOKS: dict[str, tuple[str, Any]] = {
     "integrals": ("#b08900", (0, (7, 2, 1.2, 2))),
     "integrals, instruments": ("#2a9fb5", (0, (2, 2))),
 }
-
-
-def new_figure(size: tuple[float, float]) -> Figure:
-    return Figure(figsize=size, layout="constrained")
-
-
-def quiet(panels: Iterable[Axes]) -> None:
-    """A quiet frame and grid."""
-    for axes in panels:
-        axes.grid(color="0.92", linewidth=0.6)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int = 4) -> None:

@@ -4,9 +4,10 @@ import numpy as np
 import pandas as pd
 from rich.table import Table
 
+from experiments.drawing import new_figure, quiet
 from experiments.jakoubek.outcome import Outcome
 from experiments.maxim.batch import Found, identified, identified_alone
-from experiments.maxim.drawing import LOOKS, legend_below, new_figure, quiet
+from experiments.maxim.drawing import LOOKS, legend_below
 from experiments.maxim.noise import noisy
 from experiments.maxim.plants import EXAMPLES
 from experiments.maxim.published import PRINTED, SETTINGS

@@ -11,10 +11,9 @@ import numpy as np
 import pandas as pd
 from rich.table import Table
 
-from experiments.cores import on_all_cores
+from experiments.drawing import new_figure, quiet
 from experiments.jakoubek.outcome import Outcome
-from experiments.maxim.drawing import new_figure, quiet
-from stepax import FOPDT, METHODS, PTn, StepRecord, refused
+from stepax import FOPDT, METHODS, PTn, StepRecord, over_devices, refused
 from stepax.methods import ROWS
 from stepax.records import _characterise
 
@@ -64,7 +63,7 @@ def compiled(names, rule):
         found = jax.lax.map(jax.vmap(one), tuple(parts))
         return found.reshape(-1, *found.shape[2:])
 
-    return on_all_cores(chunked)
+    return over_devices(chunked)
 
 
 def run() -> Outcome:

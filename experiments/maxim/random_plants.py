@@ -4,9 +4,10 @@ import numpy as np
 import pandas as pd
 from rich.table import Table
 
+from experiments.drawing import new_figure, quiet
 from experiments.jakoubek.outcome import Outcome
 from experiments.maxim.batch import identified
-from experiments.maxim.drawing import LOOKS, legend_below, new_figure, quiet
+from experiments.maxim.drawing import LOOKS, legend_below
 from experiments.maxim.plants import CLASSES, random_records
 
 

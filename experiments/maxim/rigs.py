@@ -4,9 +4,10 @@ import numpy as np
 import pandas as pd
 from rich.table import Table
 
+from experiments.drawing import new_figure, quiet
 from experiments.jakoubek.outcome import Outcome
 from experiments.maxim.batch import identified_alone
-from experiments.maxim.drawing import LOOKS, new_figure, quiet
+from experiments.maxim.drawing import LOOKS
 from experiments.maxim.plants import RIGS, Plant
 from experiments.maxim.published import RIGS as PRINTED
 

@@ -6,9 +6,10 @@ import jax
 import numpy as np
 import pandas as pd
 
+from experiments.drawing import new_figure, quiet
 from experiments.jakoubek.outcome import Outcome
 from experiments.maxim.batch import identified
-from experiments.maxim.drawing import LOOKS, new_figure, quiet
+from experiments.maxim.drawing import LOOKS
 from experiments.maxim.noise import at_level
 from experiments.maxim.plants import EXAMPLES, Plant, mode
 from stepax import METHODS, StepRecord

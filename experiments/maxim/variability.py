@@ -15,9 +15,10 @@ import pandas as pd
 from rich.progress import track
 from rich.table import Table
 
+from experiments.drawing import new_figure, quiet
 from experiments.jakoubek.outcome import Outcome
 from experiments.maxim.batch import PARAMETERS, identified
-from experiments.maxim.drawing import LOOKS, legend_below, new_figure, quiet
+from experiments.maxim.drawing import LOOKS, legend_below
 from experiments.maxim.noise import at_level, noisy
 from experiments.maxim.plants import EXAMPLES, Plant, mode
 from experiments.maxim.published import SETTINGS

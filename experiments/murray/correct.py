@@ -7,9 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from experiments.cores import on_all_cores
 from experiments.murray.runner import Frame
-from stepax import METHODS, PTn, Status, StepRecord, smooth
+from stepax import METHODS, PTn, Status, StepRecord, over_devices, smooth
 
 
 FITS = ("hudzovic_fit", "sani_fit")
@@ -45,7 +44,7 @@ def _results(t, clean, smoothed, raw):
 @functools.cache
 def _compiled(function):
     """`function` of one record, over batches of them on all cores."""
-    return on_all_cores(
+    return over_devices(
         lambda *records: jax.lax.map(lambda a: function(*a), records, batch_size=32)
     )
 

@@ -30,10 +30,6 @@ ORDER_COLORS = ("#151515", "#1f5fa8", "#d2560a", "#3f7a10", "#7a2f8a", "#b08900"
 """One for each order from 2 to 8."""
 
 
-def new_figure(size: tuple[float, float]) -> Figure:
-    return Figure(figsize=size, layout="constrained")
-
-
 def line(axes: Axes, method: str, x, y, markers: bool = False, **changes: Any) -> None:
     """Line of one method, in its own look."""
     look = LOOKS[method]

@@ -5,8 +5,9 @@ The paper's figure of it shows 0 % everywhere, because its code counted neither.
 
 import pandas as pd
 
+from experiments.drawing import new_figure
 from experiments.murray.correct import FITS, lost
-from experiments.murray.drawing import finish, line, new_figure, order_axes
+from experiments.murray.drawing import finish, line, order_axes
 from experiments.murray.order_study import ORDERS, order_study, study
 from experiments.murray.runner import Frame, Outcome, Settings, main
 

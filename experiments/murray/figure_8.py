@@ -2,8 +2,9 @@
 
 from matplotlib.axes import Axes
 
+from experiments.drawing import new_figure
 from experiments.murray.correct import lost
-from experiments.murray.drawing import finish, line, new_figure, order_axes
+from experiments.murray.drawing import finish, line, order_axes
 from experiments.murray.order_study import order_study, plants_per_order, rms_by_order
 from experiments.murray.runner import Frame, Outcome, Settings, main
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from experiments.murray.drawing import LOOKS, finish, line, new_figure, order_axes
+from experiments.drawing import new_figure
+from experiments.murray.drawing import LOOKS, finish, line, order_axes
 from experiments.murray.figure_8 import FLOOR, name_those_below
 from experiments.murray.order_study import order_study, plants_per_order, rms_by_order
 from experiments.murray.runner import Outcome, Settings, main

@@ -15,8 +15,9 @@ import pandas as pd
 from matplotlib.colors import rgb_to_hsv
 from matplotlib.image import imread
 
+from experiments.drawing import new_figure
 from experiments.murray import legacy
-from experiments.murray.drawing import LOOKS, finish, line, new_figure, rms
+from experiments.murray.drawing import LOOKS, finish, line, rms
 from experiments.murray.runner import Frame, Outcome, Settings, main
 from stepax import identify, sliding_average, trace_image
 

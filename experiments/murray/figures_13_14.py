@@ -9,8 +9,9 @@ squared error is that from the response without noise.
 import numpy as np
 import pandas as pd
 
+from experiments.drawing import new_figure
 from experiments.murray import correct
-from experiments.murray.drawing import finish, line, new_figure
+from experiments.murray.drawing import finish, line
 from experiments.murray.plants import PT4_LAGS, SAMPLES, padded
 from experiments.murray.runner import Outcome, Settings, main
 from experiments.numpy_responses import chain_lags

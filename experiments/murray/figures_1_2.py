@@ -3,7 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from experiments.murray.drawing import finish, new_figure
+from experiments.drawing import new_figure
+from experiments.murray.drawing import finish
 from experiments.murray.runner import Outcome, Settings, main
 from stepax import PTn, StepRecord, crossing_times, tangent
 

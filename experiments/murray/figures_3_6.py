@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from experiments.murray.drawing import ORDER_COLORS, finish, new_figure
+from experiments.drawing import new_figure
+from experiments.murray.drawing import ORDER_COLORS, finish
 from experiments.murray.legacy import ORDERS, RESOLUTION, formula_lam, formula_t50, r_grid
 from experiments.murray.runner import Outcome, Settings, main
 from stepax import Hudzovic, Sani, lookup_curves

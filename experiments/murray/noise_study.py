@@ -8,8 +8,9 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
+from experiments.drawing import new_figure
 from experiments.murray import correct, legacy
-from experiments.murray.drawing import LOOKS, finish, line, new_figure
+from experiments.murray.drawing import LOOKS, finish, line
 from experiments.murray.plants import PT4_LAGS, padded, random_lags, record_times
 from experiments.murray.runner import Frame, Settings
 from stepax import sliding_average

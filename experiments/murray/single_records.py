@@ -7,8 +7,9 @@ Both go from 22 to 37 degrees, as in the paper; RMSE is that from the response w
 
 import pandas as pd
 
+from experiments.drawing import new_figure
 from experiments.murray import correct
-from experiments.murray.drawing import LOOKS, finish, line, new_figure
+from experiments.murray.drawing import LOOKS, finish, line
 from experiments.murray.plants import PT4_LAGS, padded, record_times
 from experiments.murray.runner import Frame, Outcome, Settings, main
 from experiments.numpy_responses import chain_lags

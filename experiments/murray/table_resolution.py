@@ -10,8 +10,9 @@ import jax
 import numpy as np
 import pandas as pd
 
+from experiments.drawing import new_figure
 from experiments.murray import correct, legacy
-from experiments.murray.drawing import LOOKS, finish, line, new_figure, rms
+from experiments.murray.drawing import LOOKS, finish, line, rms
 from experiments.murray.figures_3_6 import curves
 from experiments.murray.order_study import ORDERS
 from experiments.murray.plants import random_lags, record_times

@@ -61,10 +61,10 @@ def compiled(function: Callable[..., Any], effort: int = 0) -> Callable[..., Any
 
     def program(arguments: Any) -> Callable[..., Any]:
         """What was kept of the function for such arguments, else the function itself."""
-        folder, settings = cache_folder(), tuple(contexts().values())
-        if folder is None or contexts()["disable_jit"]:
+        folder, settings = cache_folder(), contexts()
+        if folder is None or settings["disable_jit"]:
             return quick
-        key = Signature(arguments), folder, settings
+        key = Signature(arguments), folder, tuple(settings.values())
         if key not in programs:
             programs[key] = kept_program(function, *key, options) or quick
         return programs[key]

@@ -77,7 +77,7 @@ class _Lane(NamedTuple):
             return *self.step(leaves, y, state), steps + 1
 
         def goes_on(carry):
-            return wanted & ~self.has_ended(*carry)
+            return wanted & ~self.has_ended(*carry[1:])
 
         wanted = self.whole(leaves).wanted
         carry = jax.lax.while_loop(goes_on, body, (*self.begin(leaves), jnp.array(0)))
@@ -96,9 +96,8 @@ class _Lane(NamedTuple):
         y, state, _ = search.solver.step(fn, y, problem, options, state, frozenset())
         return y, state
 
-    def has_ended(self, y: Array, state: Any, steps: Array) -> Array:
+    def has_ended(self, state: Any, steps: Array) -> Array:
         """Whether a search has ended, or each of several."""
-        del y
         return state.converged | state.failed | (steps >= self.max_steps)
 
     def end(self, leaves: list[Array], y: Array, state: Any, steps: Count) -> Ended:
@@ -133,7 +132,7 @@ def _queue(lane: _Lane, leaves: list[Array], batched: tuple[bool, ...], size: in
         own = jax.lax.optimization_barrier(of(lanes))
         y, state = step(own, y, state)
         steps = steps + 1
-        ended = busy & lane.has_ended(y, state, steps)
+        ended = busy & lane.has_ended(state, steps)
         results = jax.tree.map(
             lambda all, new: all.at[jnp.where(ended, lanes, size)].set(new, mode="drop"),
             results,

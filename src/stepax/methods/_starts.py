@@ -51,8 +51,7 @@ def first_order_start(record: StepRecord, fixed: Sequence[str]) -> FOPDT:
     early, late = _start_times(record)
     T = 1.5 * (late - early)
     _, safe = usable_record(record)
-    rows = np.arange(FEW_ROWS) * safe.count // FEW_ROWS
-    t, y = safe.elapsed[rows], safe.y[rows] - jnp.mean(safe.y[rows])
+    t, y = _some_rows(safe, FEW_ROWS)
     times = jnp.append(T, safe.duration * jnp.asarray(FIRST_ORDER[0], T.dtype))
     delays = jnp.append(_delay(late - T, fixed), _delay(late, fixed) * FIRST_ORDER[1])
 
@@ -109,8 +108,7 @@ def zero_start(record: StepRecord, fixed: Sequence[str]) -> SOPDTZero:
     far = jnp.abs(y - initial) > 0.05 * (jnp.max(y) - jnp.min(y))
     onset = jnp.where(jnp.any(far), safe.elapsed[jnp.argmax(far & (safe.elapsed > 0))], 0)
     latest = onset + safe.duration / 50  # half of what is averaged over
-    rows = np.arange(ROWS) * safe.count // ROWS
-    t, y = safe.elapsed[rows], safe.y[rows] - jnp.mean(safe.y[rows])
+    t, y = _some_rows(safe, ROWS)
 
     def regression(shape: Array, delay: Scalar) -> tuple[Scalar, SOPDTZero]:
         """Squared error of the best gain and lead, and the plant that has them."""
@@ -173,6 +171,12 @@ def integrating_start(record: StepRecord, fixed: Sequence[str]) -> IPDT:
 
 def _delay(estimate: Scalar, fixed: Sequence[str]) -> Scalar:
     return jnp.zeros_like(estimate) if "delay" in fixed else jnp.maximum(estimate, 0)
+
+
+def _some_rows(record: StepRecord, number: int) -> tuple[Array, Array]:
+    """Times since the step and outputs, their mean taken away, of evenly chosen rows."""
+    rows = np.arange(number) * record.count // number
+    return record.elapsed[rows], record.y[rows] - jnp.mean(record.y[rows])
 
 
 def _averaged(record: StepRecord) -> Array:

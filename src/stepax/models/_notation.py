@@ -2,7 +2,9 @@
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -58,22 +60,39 @@ def transfer_function_latex(model: AbstractPlant) -> str:
     return re.sub(r"e([+-])0*(\d+)\b", lambda m: rf" \times 10^{{{m[1].strip('+')}{m[2]}}}", text)
 
 
-def matlab_code(model: AbstractPlant) -> str:
-    """G(s) as MATLAB's Control System Toolbox takes it, the dead time as a factor exp(-L s)."""
-    if not _is_finite(model):
-        return "% none"
-    delay = _value(model.delay)
-    dead = f"*exp({_digits(-delay)}*s)" if delay else ""
-    return f"s = tf('s'); G = {_rational(model, '^', dead)};"
+class Language(NamedTuple):
+    """How a program writes G(s).
+
+    - `none`: a comment where there is no model. `code`: what stands around the fraction.
+    - `power`: sign of a power. `dead`: factor for a dead time.
+    """
+
+    none: str
+    code: str
+    power: str
+    dead: str
 
 
-def python_control_code(model: AbstractPlant) -> str:
-    """G(s) as python-control takes it, a dead time as Pade's approximation of order 3."""
+LANGUAGES = {
+    # as MATLAB's Control System Toolbox takes it, the dead time as a factor exp(-L s)
+    "matlab": Language("% none", "s = tf('s'); G = {};", "^", "*exp(-{}*s)"),
+    # a dead time as Pade's approximation of order 3
+    "python-control": Language(
+        "# none",
+        'import control; s = control.tf("s"); G = {}',
+        "**",
+        "*control.tf(*control.pade({}, 3))",
+    ),
+}
+
+
+def code(model: AbstractPlant, language: Language) -> str:
+    """G(s) to paste."""
     if not _is_finite(model):
-        return "# none"
+        return language.none
     delay = _value(model.delay)
-    dead = f"*control.tf(*control.pade({_digits(delay)}, 3))" if delay else ""
-    return f'import control; s = control.tf("s"); G = {_rational(model, "**", dead)}'
+    dead = language.dead.format(_digits(delay)) if delay else ""
+    return language.code.format(_rational(model, language.power, dead))
 
 
 def _rational(model: AbstractPlant, power: str, dead: str) -> str:
@@ -101,11 +120,10 @@ def _digits(x: float) -> str:
     return f"{x:.10g}"
 
 
-STYLES = {
+STYLES: dict[str, Callable[[AbstractPlant], str]] = {
     "text": transfer_function_text,
     "latex": transfer_function_latex,
-    "matlab": matlab_code,
-    "python-control": python_control_code,
+    **{name: partial(code, language=language) for name, language in LANGUAGES.items()},
 }
 """Ways of writing a transfer function."""
 

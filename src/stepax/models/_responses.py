@@ -96,16 +96,29 @@ def equal_spacing_response(
 def _equal_spacing(t, slowest, spacing, order, length: int) -> Array:
     started, t = _after_start(t)
     t = _before_overflow(t, slowest)
-    e = decay_integral(spacing, t)
+    total = _equal_spacing_sum(decay_integral(spacing, t), slowest, spacing, order, length)
+    return jnp.where(started, 1 - jnp.exp(-slowest * t) * total, 0)
+
+
+def _equal_spacing_sum(e: Array, slowest, spacing, order, length: int) -> Array:
+    """The sum over j, by Horner's rule."""
     total = jnp.ones_like(e)
     for j in range(length - 1, 0, -1):
         factor = jnp.where(j < order, (slowest + (j - 1) * spacing) / j, 0)
         total = 1 + factor * e * total
-    return jnp.where(started, 1 - jnp.exp(-slowest * t) * total, 0)
+    return total
+
+
+def _equal_spacing_slope(e: Array, fall: Array, slowest, spacing, order, length: int) -> Array:
+    r"""The slope in time, $e^{-m t} m \prod_{j=1}^{n-1} (m + j d) E/j$; `fall` is $e^{-m t}$."""
+    slope = slowest * fall
+    for j in range(1, length):
+        slope = slope * jnp.where(j < order, (slowest + j * spacing) * e / j, 1)
+    return slope
 
 
 def _equal_spacing_jvp(length, primals, tangents):
-    r"""The slope in time is $e^{-m t} m \prod_{j=1}^{n-1} (m + j d) E/j$; the rates' is derived.
+    """The slope in time is written down, that in the rates derived.
 
     Only what has a tangent is computed, apart from the value (see `_contour.py`).
     """
@@ -115,10 +128,8 @@ def _equal_spacing_jvp(length, primals, tangents):
         t, slowest, spacing, order = jax.lax.optimization_barrier(primals)
         started, t = _after_start(t)
         limited = _before_overflow(t, slowest)
-        e = decay_integral(spacing, limited)
-        slope = slowest * jnp.exp(-slowest * limited)
-        for j in range(1, length):
-            slope = slope * jnp.where(j < order, (slowest + j * spacing) * e / j, 1)
+        e, fall = decay_integral(spacing, limited), jnp.exp(-slowest * limited)
+        slope = _equal_spacing_slope(e, fall, slowest, spacing, order, length)
         tangent = tangent + jnp.where(started & (limited == t), slope, 0) * tangents[0]
     rates = [isinstance(x, SymbolicZero) for x in tangents[1:3]]
     if not all(rates):
@@ -142,29 +153,20 @@ def equal_spacing_slopes(
     order: int | Int[Array, ""],
     changes: Sequence[tuple[Scalar, Scalar]],
 ) -> Slopes:
-    r"""`equal_spacing_response` and its slopes; `changes` of both rates.
-
-    In time $e^{-m t} m \prod_{j=1}^{n-1} (m + j d) E/j$.
-    """
+    """`equal_spacing_response` and its slopes; `changes` of both rates."""
     length = order if isinstance(order, int) else MAX_ORDER
     started, t = _after_start(t)
     limited = _before_overflow(t, slowest)
 
     def total(e: Array, slowest: Scalar, spacing: Scalar) -> Array:
-        value = jnp.ones_like(e)
-        for j in range(length - 1, 0, -1):
-            factor = jnp.where(j < order, (slowest + (j - 1) * spacing) / j, 0)
-            value = 1 + factor * e * value
-        return value
+        return _equal_spacing_sum(e, slowest, spacing, order, length)
 
     e, by_spacing = jax.jvp(
         lambda d: decay_integral(d, limited), (spacing,), (jnp.ones_like(spacing),)
     )
     fall = jnp.exp(-slowest * limited)
     e, by_spacing = computed_once(e, by_spacing)
-    slope = slowest * fall
-    for j in range(1, length):
-        slope = slope * jnp.where(j < order, (slowest + j * spacing) * e / j, 1)
+    slope = _equal_spacing_slope(e, fall, slowest, spacing, order, length)
     slope = jnp.where(started & (limited == t), slope, 0)
     (value,), moved = computed_once(total(e, slowest, spacing)), []
     for m, d in changes:
