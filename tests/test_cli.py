@@ -1,5 +1,6 @@
 """The command line: output, files and what goes wrong."""
 
+import dataclasses
 import importlib.util
 import json
 import os
@@ -41,9 +42,10 @@ def front(monkeypatch):
         calls.methods.append(method)
         model = FOPDT(T=60.0, gain=0.8, offset=22.0, delay=15.0)
         details = {"aicc_fopdt": jnp.asarray(3.0)} if method == "auto" else {}
-        return conclude(record, model, calls.status, details=record.details | details)
+        result = conclude(record, model, calls.status, details=record.details | details)
+        return dataclasses.replace(result, method="fopdt_fit")
 
-    def compare(record, methods=None, plant=None):
+    def compare(record, methods=None, plant=None, all_rows=False):
         return Comparison(record, (row("fopdt_fit", identify(record)), lost(record)))
 
     def row(method, result):
@@ -58,12 +60,10 @@ def front(monkeypatch):
     module.__dict__.update(
         AUTO=("fopdt_fit",),
         identify=identify,
-        chosen_method=lambda result: "fopdt_fit",
     )
     monkeypatch.setitem(sys.modules, "stepax._identify", module)
     many = "stepax._identify_each"
     monkeypatch.setattr(f"{many}.identify_filled", lambda *args: identify(args[0], args[1]))
-    monkeypatch.setattr(f"{many}.chosen_method", module.chosen_method)
     monkeypatch.setattr("stepax._compare.compare", compare)
     return calls
 

@@ -25,7 +25,6 @@ from stepax import (
     compare,
     identify,
 )
-from stepax._identify import chosen_method
 from stepax._result import DETAILS
 from stepax.methods import MODELS
 from stepax.methods._fits import AUTO, WITH_REASON
@@ -74,7 +73,7 @@ def test_errors_count_rows_from_the_step_on():
 def test_auto_keeps_the_smallest_aicc(record):
     result = identify(record)
     scores = {k: float(v) for k, v in result.details.items() if k.startswith("aicc_")}
-    chosen = stepax._identify.chosen_method(result)
+    chosen = result.method
     assert len(scores) == 4
     assert scores[f"aicc_{chosen}"] == min(scores.values())
     assert float(result.fit_percent) > 95
@@ -172,7 +171,7 @@ USUAL = {f"aicc_{name}" for name in AUTO}
 @pytest.mark.parametrize("seed", range(3))
 def test_auto_finds_an_inverse_response(seed):
     result = identify(noisy(INVERSE, 0.02, seed))
-    assert chosen_method(result) == "sopdt_zero_fit" and result.details["wrong_way"]
+    assert result.method == "sopdt_zero_fit" and result.details["wrong_way"]
     assert tried(result) == USUAL | {"aicc_sopdt_zero_fit"}
     for name in ("zeta", "omega_n", "lead", "delay", "gain"):
         assert abs(getattr(result.model, name) - getattr(INVERSE, name)) < 5 * result.std[name]
@@ -181,14 +180,14 @@ def test_auto_finds_an_inverse_response(seed):
 def test_auto_finds_an_overshoot_that_is_no_oscillation():
     plant = SOPDTZero(zeta=1.5, omega_n=1.5, lead=6.0, gain=2.0)
     result = identify(noisy(plant, 0.01, 0))
-    assert chosen_method(result) == "sopdt_zero_fit" and result.details["lone_overshoot"]
+    assert result.method == "sopdt_zero_fit" and result.details["lone_overshoot"]
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_auto_finds_an_integrator(seed):
     plant = IPDT(T=2.0, gain=-0.3, delay=1.0)
     result = identify(noisy(plant, 0.02, seed))
-    assert chosen_method(result) == "ipdt_fit" and result.details["unsettled"]
+    assert result.method == "ipdt_fit" and result.details["unsettled"]
     assert tried(result) == USUAL | {"aicc_ipdt_fit"}
     assert abs(result.model.gain + 0.3) < 5 * result.std["gain"]
     assert result.status == Status.successful and np.isneginf(result.model.static_gain)
@@ -213,7 +212,7 @@ def test_auto_leaves_the_zero_where_there_is_none():
     noise = np.random.default_rng(4).choice([0.003, 0.01, 0.03], 200)
     pairs = zip(usual_plants(200), noise, strict=True)
     results = [identify(noisy(plant, x, k)) for k, (plant, x) in enumerate(pairs)]
-    assert sum(chosen_method(result) in WITH_REASON for result in results) == 0
+    assert sum(result.method in WITH_REASON for result in results) == 0
     assert sum(tried(result) != USUAL for result in results) <= 10
 
 
@@ -248,7 +247,7 @@ def test_auto_is_not_misled_by_glitches(rows, size):
     result = identify(record)
     assert int(result.details["glitches"]) == rows.size
     clean = METHODS["fopdt_fit"](StepRecord(np.delete(GRID, rows), np.delete(record.y, rows)))
-    assert chosen_method(result) in AUTO and "noise_level" in result.details
+    assert result.method in AUTO and "noise_level" in result.details
     np.testing.assert_allclose(result.model.gain, clean.model.gain, rtol=0.02)
     np.testing.assert_allclose(result.model.offset, clean.model.offset, atol=0.04)
     np.testing.assert_allclose(result.predict(GRID), clean.predict(GRID), atol=0.06)
@@ -335,7 +334,7 @@ def test_auto_in_a_context_of_jax():
 def test_orders_of_auto():
     record = noisy(Sani(T=1.0, r=0.5, n=4, gain=2.0), 0.001, 0)
     result = identify(record, orders=iter([2, 3]), errors=False)
-    assert chosen_method(result) in AUTO
+    assert result.method in AUTO
     chains = [METHODS[name](record, orders=(2, 3)) for name in ("hudzovic_fit", "sani_fit")]
     for name, chain in zip(("hudzovic_fit", "sani_fit"), chains, strict=True):
         np.testing.assert_allclose(result.details[f"aicc_{name}"], chain.details["aicc"], rtol=1e-6)

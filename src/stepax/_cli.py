@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from ._cli_picture import trace as trace_picture, with_picture_options
+from ._cli_picture import OPTIONS, trace as trace_picture
 from ._options import (
-    EXAMPLES as EXAMPLES,
+    READING,
     SIMULATED,
     AllRows,
     Example,
@@ -28,9 +28,9 @@ from ._options import (
     Json,
     Number,
     Plot,
+    grouped,
     read,
     read_file,
-    reads_record,
     waiting,
 )
 from .report._files import Outputs
@@ -186,7 +186,7 @@ def _heading(record: "StepRecord", example: str | None) -> str:
 
 
 @_command
-@reads_record
+@grouped("reading", READING)
 def identify(
     reading: dict[str, Any],
     files: Files = None,
@@ -226,7 +226,7 @@ def _identify_file(
     outputs: Outputs,
 ) -> None:
     """One file: the report, a picture, JSON."""
-    from ._identify import chosen_method, identify as identify_record
+    from ._identify import identify as identify_record
     from ._status import Status, refused
     from .report._content import to_json
     from .report._terminal import report
@@ -237,10 +237,8 @@ def _identify_file(
         result = identify_record(record, method, **options)
         if bool(refused(result.status)):
             raise ValueError(f"{record.labels.source}: {Status[result.status]}")
-        name = chosen_method(result) if method == "auto" else method
-        written = outputs.write(result.plot, lambda: to_json(result, name))
-    kept = f"{name}, chosen by AICc" if method == "auto" else name
-    said = report(result, kept, reading["step"])
+        written = outputs.write(result.plot, lambda: to_json(result))
+    said = report(result, result.method, reading["step"])
     _show(_heading(record, example), said, written=written)
 
 
@@ -274,7 +272,7 @@ def _identify_files(
 
 
 @_command
-@reads_record
+@grouped("reading", READING)
 def compare(
     reading: dict[str, Any],
     file: File = None,
@@ -296,11 +294,10 @@ def compare(
     check_kind(kind)
     outputs = Outputs(plot, json)
     outputs.check(file)
-    whole: dict[str, Any] = {"all_rows": True} if all_rows else {}
     names = None if methods is None else [name.strip() for name in methods.split(",")]
     record = read(file, example, reading)
     with waiting(f"Comparing methods on {record.labels.source} ..."):
-        comparison = compare_methods(record, names, **whole)
+        comparison = compare_methods(record, names, all_rows=all_rows)
         kept = comparison.models(group)
         if not comparison.models():
             raise ValueError(
@@ -317,7 +314,7 @@ def compare(
 
 
 @_command
-@with_picture_options
+@grouped("picture", OPTIONS)
 @functools.wraps(trace_picture)
 def trace(*args: Any, **kwargs: Any) -> None:
     lines, written = trace_picture(*args, **kwargs)

@@ -1,7 +1,5 @@
 """A picture of a plot on the command line: its options, its record, and `trace`."""
 
-import inspect
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -35,21 +33,6 @@ OPTIONS: dict[str, Any] = {
     "step_size": _option(float | None, "Size of the step. Default: 1."),
 }
 """Options of pictures by the name of their argument."""
-
-
-def with_picture_options(function: Callable) -> Callable:
-    """A command whose `**picture` stands for the options of pictures; None where not given."""
-    signature = inspect.signature(function)
-    kept = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
-    kind = inspect.Parameter.KEYWORD_ONLY
-    more = [
-        inspect.Parameter(name, kind, default=None, annotation=option)
-        for name, option in OPTIONS.items()
-    ]
-    function.__signature__ = signature.replace(parameters=[*kept, *more])  # type: ignore[attr-defined]
-    own = {name: x for name, x in function.__annotations__.items() if name != "picture"}
-    function.__annotations__ = own | OPTIONS
-    return function
 
 
 def picture_record(path: Path, picture: dict[str, Any]) -> "StepRecord":
@@ -93,12 +76,12 @@ def _point(text: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
 
 
 def trace(
+    picture: dict[str, Any],
     file: Annotated[Path, typer.Argument(help="PNG, JPEG, WebP or GIF picture of a plot.")],
     csv: Annotated[Path | None, typer.Option(help="Write time and output as CSV.")] = None,
     overlay: Annotated[
         Path | None, typer.Option(help="Write the picture with what was read, as PNG.")
     ] = None,
-    **picture: Any,
 ) -> tuple[list[str], list[Path]]:
     """Read the curve in a picture of a plot; without ranges or ticks, say what was found."""
     from .records.image._overlay import overlay_bytes

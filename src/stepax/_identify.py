@@ -46,8 +46,8 @@ def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identi
         is better by more than 10, the latter also if it is as good as that of a model whose gain
         would be extrapolated to more than twice what was seen. Where rows stand out as glitches
         do, or the fit is poor, Huber's loss is tried and kept if it explains the other rows clearly
-        better (`glitches` in `.details`), unless `loss` is given. `.details` holds `aicc_<method>`
-        of each that was tried, the signs in the record, and `chosen` (`chosen_method`).
+        better (`glitches` in `.details`), unless `loss` is given. `.method` is the one
+        kept; `.details` holds `aicc_<method>` of each that was tried, and the signs in the record.
     - `options`: passed to the method; see its docstring. "auto" takes those of `refine`, and
         `orders` for the chains. `all_rows=True`: a record of more than 4000 rows, which is averaged
         over equal spans of time otherwise (the result's `record`), is used as it is, as it is too
@@ -150,7 +150,7 @@ def _identify_auto(
                 result, _ = _concluded(robust, record, errors)
                 result = dataclasses.replace(result, method=chosen, details=result.details | facts)
     details = {f"aicc_{name}": np.asarray(score) for name, score in scores.items()}
-    details |= seen._asdict() | {"chosen": np.asarray(_CANDIDATES.index(chosen))}
+    details |= seen._asdict()
     details = {name: jnp.asarray(x) for name, x in details.items()}
     return dataclasses.replace(result, details=result.details | details)
 
@@ -224,9 +224,6 @@ def _without_glitches(
     return best, scores, fits[best], details
 
 
-_CANDIDATES = (*AUTO, *WITH_REASON)
-
-
 def _kept(record: StepRecord, fit: Fitted, score: dict[str, float], best: str) -> str:
     """The method to keep, of which `best` is the best without a special reason, and `fit` its fit.
 
@@ -281,11 +278,6 @@ def _signs(record: StepRecord) -> Signs:
 def _share_shown(fitted: Fitted) -> Scalar:
     """Share of its change that a settling model has gone in the last row of the record."""
     return fitted.problem.plant(fitted.x)[1][fitted.problem.record.last]
-
-
-def chosen_method(result: Identification) -> str:
-    """Name of the method that "auto" kept."""
-    return _CANDIDATES[int(result.details["chosen"])]
 
 
 def aicc_of(result: Identification, order_found: bool) -> float:

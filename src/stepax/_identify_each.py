@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ._compilation import coarse_rung
-from ._identify import check_length, chosen_method, identify_filled
+from ._identify import check_length, identify_filled
 from ._notes import notes_of
 from ._result import Identification
 from ._status import Status, refused, status_name
@@ -194,6 +194,5 @@ def _outcome(
     if isinstance(record, str):
         return Outcome(source, "", None, record)
     result = identify_filled(record, method, options, length)
-    name = chosen_method(result) if method == "auto" else method
     reason = Status[result.status] if bool(refused(result.status)) else ""
-    return Outcome(source, name, result, reason)
+    return Outcome(source, result.method, result, reason)

@@ -5,7 +5,7 @@ import functools
 import inspect
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 from rich.console import Console
@@ -33,52 +33,66 @@ AllRows = Annotated[
 ]
 Number = float | None
 
-# Name in `read_record`, type and option; each is None where it is not given.
-_READING: dict[str, tuple[Any, Any]] = {
-    "time": (str, typer.Option(help="Column of the time: name, or number from 1.")),
-    "output": (str, typer.Option(help="Column of the output.")),
-    "input": (str, typer.Option(help="Column of the input, where the step is found.")),
-    "step": (int, typer.Option(help="Which step of the input; -1 is the last.")),
-    "step_time": (str, typer.Option(help="Time of the step, where no column tells it.")),
-    "step_size": (float, typer.Option(help="Its size; 1 if not given.")),
-    "initial": (float, typer.Option(help="Known level of the output before the step.")),
-    "final": (float, typer.Option(help="Known level of the output after all transients.")),
-    "begin": (str, typer.Option("--from", help="Leave out rows before this time.")),
-    "end": (str, typer.Option("--to", help="Leave out rows after this time.")),
-    "dayfirst": (bool, typer.Option("--dayfirst", help="Dates have the day before the month.")),
+_READING: dict[str, Any] = {
+    "time": Annotated[str | None, typer.Option(help="Column of the time: name, or number from 1.")],
+    "output": Annotated[str | None, typer.Option(help="Column of the output.")],
+    "input": Annotated[
+        str | None, typer.Option(help="Column of the input, where the step is found.")
+    ],
+    "step": Annotated[int | None, typer.Option(help="Which step of the input; -1 is the last.")],
+    "step_time": Annotated[
+        str | None, typer.Option(help="Time of the step, where no column tells it.")
+    ],
+    "step_size": Annotated[float | None, typer.Option(help="Its size; 1 if not given.")],
+    "initial": Annotated[
+        float | None, typer.Option(help="Known level of the output before the step.")
+    ],
+    "final": Annotated[
+        float | None, typer.Option(help="Known level of the output after all transients.")
+    ],
+    "begin": Annotated[str | None, typer.Option("--from", help="Leave out rows before this time.")],
+    "end": Annotated[str | None, typer.Option("--to", help="Leave out rows after this time.")],
+    "dayfirst": Annotated[
+        bool, typer.Option("--dayfirst", help="Dates have the day before the month.")
+    ],
 }
-
+"""Options that say how a table is read, by their names in `read_record`."""
 
 _OF_PICTURES = {name: option for name, option in OPTIONS.items() if name not in _READING}
 """Options that only pictures have."""
 
 _OF_BOTH = ("step_time", "step_size")
 
+READING = _READING | _OF_PICTURES
+"""Options that say how a file is read."""
 
-def reads_record(function: Callable[..., None]) -> Callable[..., None]:
-    """A command whose argument `reading` holds the options that say how a record is read."""
-    own = [p for name, p in inspect.signature(function).parameters.items() if name != "reading"]
-    shared = [
-        inspect.Parameter(
-            name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=False if kind is bool else None,
-            annotation=Annotated[kind if kind is bool else kind | None, option],
-        )
-        for name, (kind, option) in _READING.items()
-    ]
-    shared += [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=option)
-        for name, option in _OF_PICTURES.items()
-    ]
 
-    @functools.wraps(function)
-    def command(**given: Any) -> None:
-        reading = {name: given.pop(name) for name in (*_READING, *_OF_PICTURES)}
-        function(reading=reading, **given)
+def grouped(argument: str, options: dict[str, Any]) -> Callable[[Callable], Callable]:
+    """A decorator: one argument of a command is a dictionary of options by name.
 
-    command.__signature__ = inspect.Signature([*own, *shared])  # type: ignore[attr-defined]
-    return command
+    They are False or None where they are not given.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        own = [p for name, p in inspect.signature(function).parameters.items() if name != argument]
+        shared = [
+            inspect.Parameter(
+                name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=False if get_args(kind)[0] is bool else None,
+                annotation=kind,
+            )
+            for name, kind in options.items()
+        ]
+
+        @functools.wraps(function)
+        def command(**given: Any) -> Any:
+            return function(**{argument: {name: given.pop(name) for name in options}}, **given)
+
+        command.__signature__ = inspect.Signature([*own, *shared])  # type: ignore[attr-defined]
+        return command
+
+    return decorate
 
 
 # The record

@@ -80,7 +80,6 @@ DETAILS = {
     "effective_parameters": "freedom that the residuals have lost",
     # of method="auto"
     "aicc_<method>": "Akaike's criterion of each family that was tried",
-    "chosen": "which of them was kept",
     "glitches": "rows that stand out, where Huber's loss was kept for them",
     "fit_of_the_rest": "fit in percent over the other rows from the step on",
     "wrong_way": "sign in the record: it moves away from its end first",

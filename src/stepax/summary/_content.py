@@ -102,7 +102,8 @@ def content(result: Identified, method: str | None = None, step: int | None = No
 def _by(result: Identified, method: str | None) -> str:
     """How the model was found, as far as that is known."""
     method = result.method if method is None else method
-    chosen = ", chosen by AICc" if "chosen" in result.details and method == result.method else ""
+    tried = any(name.startswith("aicc_") for name in result.details)
+    chosen = ", chosen by AICc" if tried and method == result.method else ""
     return f" by {method}{chosen}" if method else ""
 
 
