@@ -1,7 +1,7 @@
 """Array aliases used in signatures, and what every room needs of arrays."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+
+T = TypeVar("T")
 
 Scalar = Float[Array, ""]
 """One real number: a parameter, a time, a level."""
@@ -48,6 +50,12 @@ def nan_where(condition: Flag, tree: Any) -> Any:
 def safe_sqrt(x: Array) -> Array:
     """Square root whose derivative at 0 is 0."""
     return jnp.where(x == 0, 0, jnp.sqrt(jnp.where(x == 0, 1, x)))
+
+
+def still(tree: T) -> T:
+    """A tree without derivatives."""
+    stop = lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x  # noqa: E731
+    return jax.tree.map(stop, tree)
 
 
 def computed_once(*values: Array) -> tuple[Array, ...]:

@@ -230,6 +230,8 @@ def _covariance(problem, model, root, residual, phi, at_bound, values) -> _Covar
     frozen = absent | _frozen(in_a_row, values, at_bound)
     last = jnp.argsort(frozen)  # a column of zeros before others would take a row from them
     jacobian = derivatives(lambda *x: root * _prediction(problem, model, free, x), values)
+    if problem.prior is not None:
+        jacobian = jnp.concatenate([jacobian, _prior_rows(problem)], axis=1)
     jacobian = jnp.where(frozen[:, None], 0, jacobian)[last]
     size = jnp.sqrt(jnp.sum(jacobian**2, axis=1))
     size = jnp.where(size > 0, size, 1)
@@ -240,8 +242,10 @@ def _covariance(problem, model, root, residual, phi, at_bound, values) -> _Covar
     r = r + jnp.diag(jnp.where(lost, 1 - diagonal, 0))
     inverse = jax.scipy.linalg.solve_triangular(r, jnp.eye(r.shape[0], dtype=r.dtype))
     q = jnp.where(lost[None, :], 0, q)
-    coloured = q.T @ _correlate(q, phi)
+    rows, known = q[: root.size], q[root.size :]
+    coloured = rows.T @ _correlate(rows, phi)
     effective = jnp.trace(coloured)
+    coloured = coloured + known.T @ known
     freedom = jnp.maximum(jnp.sum(root > 0) - effective, 1)
     variance = jnp.sum(residual**2) / freedom
     matrix = variance * inverse @ coloured @ inverse.T / size[:, None] / size[None, :]
@@ -251,6 +255,15 @@ def _covariance(problem, model, root, residual, phi, at_bound, values) -> _Covar
     matrix = jnp.where(unknown[:, None] | unknown[None, :], jnp.nan, matrix)
     matrix = jnp.where(absent[:, None] | absent[None, :], 0, matrix)
     return _Covariance(matrix, at_bound, absent, lost, effective, freedom)
+
+
+def _prior_rows(problem: Problem) -> Float[Array, "p priors"]:
+    """How a prior's rows of the residuals change with the free parameters, in output units."""
+    prior = problem.prior
+    assert prior is not None
+    free = [scalar.name for scalar in problem.free_scalars]
+    is_of = np.array([[name == own for own in prior.names] for name in free])
+    return jnp.where(is_of, prior.noise * problem.range / prior.std, 0)
 
 
 def _frozen(in_a_row: np.ndarray, values: Array, at_bound: Array) -> Array:

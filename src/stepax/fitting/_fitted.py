@@ -1,7 +1,8 @@
 """A problem and its solution: what orders and families are chosen among."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,12 +11,13 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
-from .._arrays import Count, Samples, Scalar
+from .._arrays import Count, Samples, Scalar, safe_sqrt, still
 from .._status import Status, first_problem, refused
-from ..models._abstract import AbstractPlant
+from ..models._abstract import COMMON, AbstractPlant
 from ..models._contour import accuracy
 from ..records._record import StepRecord
-from ._optimum import Optimum, optimum
+from ._optimum import Optimum, implicit, optimum
+from ._prior import prior_of
 from ._problem import Problem, least_loss, problem_data
 from ._solver import BoundedLevenbergMarquardt
 
@@ -36,7 +38,10 @@ class Fitted(eqx.Module):
     """A problem, the coordinates of its least loss, and how the search for them ended.
 
     `aicc` and `parameters` are those by which fits are compared: an order that was chosen is a
-    parameter too. Everything else follows from problem and coordinates.
+    parameter too. `stages`: coordinates of the fits before the last, where the loss needs a noise
+    level; `robust`: whether that is Huber's. Everything else follows from problem and coordinates.
+
+    The search has no derivatives: `with_derivatives` gives them, once for what was chosen.
     """
 
     problem: Problem
@@ -45,12 +50,15 @@ class Fitted(eqx.Module):
     steps: Count
     aicc: Scalar
     parameters: Count
+    stages: Array | None = None
+    robust: bool = eqx.field(static=True, default=False)
 
     @property
     def noise_level(self) -> Scalar:
-        """Of a robust fit, in units of the output."""
-        assert self.problem.threshold is not None
-        return self.problem.threshold * self.problem.range / HUBER
+        """Of a robust fit, or one with a prior, in units of the output."""
+        threshold, prior = self.problem.threshold, self.problem.prior
+        assert threshold is not None
+        return (threshold / HUBER if prior is None else prior.noise) * self.problem.range
 
     @property
     def score(self) -> Scalar:
@@ -72,6 +80,7 @@ def fit(
     *,
     weights: Samples | None = None,
     loss: str = "squares",
+    prior: Mapping[str, Any] | None = None,
     solver: optx.AbstractLeastSquaresSolver | None = None,
     max_steps: int = MAX_STEPS,
 ) -> Fitted:
@@ -84,48 +93,109 @@ def fit(
         # the cost is flat to a root of eps around its least value: beyond, digits are noise
         solver = BoundedLevenbergMarquardt(rtol=eps**0.5)
         solver = eqx.tree_at(lambda s: s.atol, solver, atol)  # traced where rows are
-    if loss == "huber":
-        problem, found = _robust(problem, solver, max_steps)
+    if prior or loss == "huber":
+        numbers = [x.name for x in problem.free_scalars if x.place is None]
+        rows = prior_of(prior, start, numbers, safe.y.dtype)
+        problem = dataclasses.replace(problem, prior=rows)
+        quiet, found, stages = _staged(still(problem), loss == "huber", solver, max_steps)
     else:
-        found = optimum(problem, problem.start(), solver, max_steps)
+        quiet, stages = still(problem), None
+        found = optimum(quiet, quiet.start(), solver, max_steps)
     converged = Status.where(found.converged, Status.successful, Status.not_converged)
     parameters = len(problem.free_scalars) - jnp.sum(problem.absent)
-    square = problem.loss(found.x, problem.plant(found.x)[1]) * problem.range**2
+    problem = dataclasses.replace(problem, threshold=quiet.threshold)
+    if quiet.prior is not None:
+        problem = eqx.tree_at(lambda p: p.prior.noise, problem, quiet.prior.noise)
     return Fitted(
         problem=problem,
         x=found.x,
         status=first_problem(record_problem, converged),
         steps=found.steps,
-        aicc=aicc(square, jnp.sum(problem.counted), parameters),
+        aicc=_aicc(quiet, found.x, parameters),
         parameters=parameters,
+        stages=stages,
+        robust=loss == "huber",
     )
 
 
-def _robust(problem: Problem, solver, max_steps: int) -> tuple[Problem, Optimum]:
-    """Huber's loss with the noise level of the fit before; the first is one by squares."""
-    dtype = problem.record.y.dtype
-    everything = jnp.asarray(1e6, dtype)  # in units of the range: no residual lies beyond it
-    first = dataclasses.replace(problem, threshold=everything).start()
+def _aicc(problem: Problem, x: Array, parameters: Array | int) -> Scalar:
+    """AICc, in which a prior counts as the likelihood of its parameters."""
+    model, g = problem.plant(x)
+    square = dataclasses.replace(problem, prior=None).loss(x, g) * problem.range**2
+    value = aicc(square, jnp.sum(problem.counted), parameters)
+    return value if problem.prior is None else value + jnp.sum(problem.prior.distances(model) ** 2)
+
+
+def with_derivatives(fitted: Fitted) -> Fitted:
+    """The same, with the derivatives of all coordinates in the data and in what is known."""
+    problem = fitted.problem
+    converged = ~(fitted.status == Status.not_converged)
+    if fitted.stages is not None:
+        robust = fitted.robust
+        problem = _with_noise(problem, jnp.zeros((), fitted.x.dtype), robust)
+        for x in fitted.stages:  # each is the optimum for the noise level of the one before
+            level = _noise_level(problem, implicit(problem, x, converged), robust)
+            problem = _with_noise(problem, level, robust)
+    x = implicit(problem, fitted.x, converged)
+    moves = _aicc(problem, x, fitted.parameters)  # what an order costs does not
+    return dataclasses.replace(
+        fitted, problem=problem, x=x, aicc=fitted.aicc + moves - still(moves)
+    )
+
+
+EVERYTHING = 1e6
+"""A threshold, in units of the range, beyond which no residual lies."""
+
+
+def _with_noise(problem: Problem, noise: Scalar, robust: bool) -> Problem:
+    """The problem at a noise level, over the range; at 0, not known yet, by squares of rows alone.
+
+    Gain and offset are coordinates, for which there must be a threshold.
+    """
+    known = noise > 0 if robust else False
+    threshold = jnp.where(known, HUBER * noise, EVERYTHING).astype(noise.dtype)
+    prior = problem.prior
+    prior = None if prior is None else dataclasses.replace(prior, noise=noise)
+    return dataclasses.replace(problem, threshold=threshold, prior=prior)
+
+
+def _noise_level(problem: Problem, x: Array, robust: bool) -> Scalar:
+    """That of the residuals at x, over the range."""
+    counted, errors = problem.counted, problem.errors(x)
+    if robust:
+        # 1.4826 times the median makes a standard deviation of Gaussian noise
+        level = 1.4826 * jnp.nanmedian(jnp.where(counted, jnp.abs(errors), jnp.nan))
+    else:
+        level = safe_sqrt(jnp.sum(errors**2) / jnp.sum(counted))
+    return jnp.maximum(level, 10 * accuracy(x.dtype))
+
+
+def _staged(
+    problem: Problem, robust: bool, solver, max_steps: int
+) -> tuple[Problem, Optimum, Array]:
+    """What needs a noise level: that of the fit before, the first being one by squares alone.
+
+    Last the coordinates of the fits before the last.
+    """
+    unknown = jnp.zeros((), problem.record.y.dtype)
+    first = _with_noise(problem, unknown, robust).start()
 
     def stage(carry, _):
         """The better optimum from the last one and from the first start: squares may mislead."""
         x, noise = carry
-        current = dataclasses.replace(problem, threshold=HUBER * noise)
+        current = _with_noise(problem, noise, robust)
         starts = jnp.stack([x, first])
         both = jax.lax.map(lambda x: optimum(current, x, solver, max_steps), starts)
         loss = jax.lax.map(current.loss, both.x)
         better = jnp.argmin(jnp.where(both.converged, loss, jnp.inf))
         found = jax.tree.map(lambda x: x[better], both)
-        counted = jnp.where(problem.counted, jnp.abs(current.errors(found.x)), jnp.nan)
-        # 1.4826 times the median makes a standard deviation of Gaussian noise
-        level = jnp.maximum(1.4826 * jnp.nanmedian(counted), 10 * accuracy(dtype))
-        return (found.x, level), (found, noise)
+        return (found.x, _noise_level(current, found.x, robust)), (found, noise)
 
     # squares, then twice with the noise level of the stage before: a third moves it by little
-    _, (found, noise) = jax.lax.scan(stage, (first, everything), length=3)
+    _, (found, noise) = jax.lax.scan(stage, (first, unknown), length=3)
     last = jax.tree.map(lambda x: x[-1], found)
     last = last._replace(steps=jnp.sum(found.steps))
-    return dataclasses.replace(problem, threshold=HUBER * noise[-1]), last
+    return _with_noise(problem, noise[-1], robust), last, found.x[:-1]
 
 
 def best_order(
@@ -134,13 +204,12 @@ def best_order(
     orders: Sequence[int],
     start: AbstractPlant,
     next_start: Callable[[AbstractPlant, Array], AbstractPlant],
-    fit_from: Callable[[AbstractPlant], Fitted],
+    fit_from: Callable[[StepRecord, AbstractPlant], Fitted],
 ) -> Fitted:
     """Of the fits of several orders the smallest that AICc does not reject.
 
     The first order is fitted from `start`, each other one from `next_start(plant, n)`, the plant
-    being the optimum before. `fit_from` fits this record. The order that was chosen counts as one
-    more parameter.
+    being the optimum before. The order that was chosen counts as one more parameter.
     """
     data = lambda f: (f.problem.record, f.problem.weights)  # noqa: E731
     like = jnp.result_type(record.y)
@@ -150,7 +219,7 @@ def best_order(
         n, first = place
         following = next_start(before, n)
         begin = jax.tree.map(lambda a, b: jnp.where(first, a, b), before, following)
-        fitted = fit_from(begin)
+        fitted = fit_from(quiet, begin)
         usable = jnp.isfinite(fitted.score)
         after = jax.tree.map(
             lambda a, b: jnp.where(usable, a, b).astype(b.dtype), _found(fitted, begin), begin
@@ -158,19 +227,23 @@ def best_order(
         return after, (eqx.tree_at(data, fitted, (None, None)), fitted.score)
 
     start = jax.tree.map(lambda x: x.astype(like) if eqx.is_inexact_array(x) else x, start)
+    quiet = still(record)  # `with_derivatives` has those of the order that is kept
     first = np.arange(len(orders)) == 0
-    _, (fits, score) = jax.lax.scan(one, start, (jnp.asarray(orders), first))
+    _, (fits, score) = jax.lax.scan(one, still(start), (jnp.asarray(orders), first))
     # argmax finds the first, that is smallest, order that is near enough
     best = jnp.argmax(score <= jnp.min(score) + SAME_AICC)
     kept = jax.tree.map(lambda x: x[best], fits)
     same = problem_data(record, weights)[1:]
     kept = eqx.tree_at(data, kept, same, is_leaf=lambda x: x is None)
+    known = {name: getattr(start, name) for name in kept.problem.fixed if name in COMMON}
+    model = dataclasses.replace(kept.problem.model, **known)
+    kept = eqx.tree_at(lambda f: f.problem.model, kept, model)
     return dataclasses.replace(kept, aicc=kept.aicc + 2, parameters=kept.parameters + 1)
 
 
 def _found(fitted: Fitted, start: AbstractPlant) -> AbstractPlant:
     """The start of a fit with the own parameters and the dead time that it found."""
-    found = jax.lax.stop_gradient(fitted.problem.shape(fitted.x))
+    found = still(fitted.problem.shape(fitted.x))
     names = [n for n in start.parameter_names if n not in ("gain", "offset")]
     free = [name for name in names if name not in fitted.problem.fixed]
     return dataclasses.replace(start, **{name: getattr(found, name) for name in free})

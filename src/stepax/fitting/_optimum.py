@@ -8,11 +8,12 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array
 
-from .._arrays import Count, Flag
+from .._arrays import Count, Flag, still
+from .._compilation import quick_compilation
 from ._individual_lags import curvature, in_order, means_of_equal, retract
 from ._lanes import Search, run_search
 from ._problem import Problem
-from ._solver import BoundedLevenbergMarquardt, derivatives, free_parameters, solve_positive
+from ._solver import BoundedLevenbergMarquardt, free_parameters, solve_positive
 
 
 CELLS = 5
@@ -33,15 +34,15 @@ class Optimum(NamedTuple):
     steps: Count
 
 
-@eqx.filter_custom_jvp
 def optimum(problem: Problem, start: Array, solver, max_steps: int) -> Optimum:
-    """Coordinates of the least loss, from `start`.
+    """Coordinates of the least loss, from `start`; their derivatives are those of `implicit`.
 
     The cost of a first-order plant has a kink and often a minimum wherever the dead time meets a
     sample; between samples it is smooth. So each of the intervals around a first estimate is
     searched on its own. Where a loss may have two minima, as that of nearly first-order plants, it
     is searched from a second start too. The best is kept.
     """
+    problem, start, solver = still((problem, start, solver))
     if start.size == 0:
         return Optimum(start, jnp.array(True), jnp.array(0))
     ours = isinstance(solver, BoundedLevenbergMarquardt)
@@ -176,48 +177,61 @@ def _cell(problem: Problem, delay: Array, longest: Array, cell: Count) -> tuple[
     return left, jnp.maximum(left, right)
 
 
-@optimum.def_jvp
-def _optimum_jvp(primals, tangents):
-    r"""Implicit function theorem for $\nabla_x \frac12 |r(x)|^2 = 0$ over the free coordinates.
+@eqx.filter_custom_jvp
+def implicit(problem: Problem, x: Array, converged: Flag) -> Array:
+    r"""Coordinates x of the least loss, with their derivatives in the problem.
 
-    A coordinate on its bound does not move, nor does a dead time at a kink, which the slope that
-    is left there tells; equal lags move together. The matrix is the Hessian; where a dead time
-    leaves it indefinite, $J^\top J$.
+    These come from the implicit function theorem for $\nabla_x \frac12 |r(x)|^2 = 0$ over the free
+    coordinates; NaN where the search has not converged. A coordinate on its bound does not move,
+    nor does a dead time at a kink, which the slope that is left there tells; equal lags move
+    together. The matrix is the Hessian; where a dead time leaves it indefinite, $J^\top J$.
     """
-    problem, start, *_ = primals
-    found = optimum(*primals)
-    x = found.x
-    if start.size == 0:
-        return found, Optimum(jnp.zeros_like(x), None, None)  # pyright: ignore[reportArgumentType]
+    del problem, converged
+    return x
+
+
+@implicit.def_jvp
+def _implicit_jvp(primals, tangents):
+    """Few of them are computed, and once a fit: the contour's sum is a loop, quick to compile."""
+    problem, x, converged = primals
+    if x.size == 0:
+        return x, jnp.zeros_like(x)
+    with quick_compilation():
+        move = _move(problem, x, tangents[0])
+    return x, jnp.where(converged, move, jnp.nan)
+
+
+def _move(problem: Problem, x: Array, change_of_problem) -> Array:
+    """How the optimum moves."""
 
     def gradient(x, problem):
-        residual, pullback = jax.vjp(problem.residual, x)
-        return pullback(residual)[0]
+        residual, rows = problem.linearised(x)
+        return jnp.stack(rows) @ residual
 
     lower, upper = problem.bounds()
-    slope = gradient(x, problem)
+    residual, rows = problem.linearised(x)
+    jacobian = jnp.stack(rows)
+    slope = jacobian @ residual
     free = free_parameters(x, slope, lower, upper)
     hessian = jax.jacfwd(gradient)(x, problem)
     if problem.kinked:
         place = problem.delay_place
         tiny = jnp.finfo(x.dtype).tiny
         promised = slope[place] ** 2 / jnp.maximum(jnp.abs(hessian[place, place]), tiny)
-        residual = problem.residual(x)
         free = free.at[place].set(free[place] & (promised <= 1e-7 * residual @ residual))
-    _, change = eqx.filter_jvp(lambda problem: gradient(x, problem), (problem,), (tangents[0],))
+    _, change = eqx.filter_jvp(
+        lambda problem: gradient(x, problem), (problem,), (change_of_problem,)
+    )
     mean = means_of_equal(problem, x)
     change = mean @ change
     scaled, scale = _scaled(hessian, free, mean)
     if problem.free_delay:
-        jacobian = derivatives(lambda *x: problem.residual(x), x)
         definite = jnp.linalg.eigvalsh(scaled)[0] > jnp.finfo(x.dtype).eps ** 0.75
         normal, normal_scale = _scaled(jacobian @ jacobian.T, free, mean)
         scaled, scale = jax.tree.map(
             lambda a, b: jnp.where(definite, a, b), (scaled, scale), (normal, normal_scale)
         )
-    move = -mean @ (scale * solve_positive(scaled, jnp.where(free, change, 0) * scale))
-    move = jnp.where(found.converged, move, jnp.nan)
-    return found, Optimum(move, None, None)  # pyright: ignore[reportArgumentType]
+    return -mean @ (scale * solve_positive(scaled, jnp.where(free, change, 0) * scale))
 
 
 def _scaled(matrix: Array, free: Array, mean: Array) -> tuple[Array, Array]:

@@ -21,6 +21,7 @@ from ..records._record import (
 )
 from ._families import AbstractFamily, family_of
 from ._levels import Levels
+from ._prior import Prior
 
 
 LONGEST_DELAY = 0.95
@@ -43,7 +44,8 @@ class Problem(eqx.Module):
     that does not hold, has them as coordinates too, last.
 
     `threshold` is None for the sum of squares; else residuals r beyond it (in units of the
-    output's range) count as Huber's (1964) loss: $2 k |r| - k^2$ instead of $r^2$.
+    output's range) count as Huber's (1964) loss: $2 k |r| - k^2$ instead of $r^2$. A `prior` adds
+    rows to the residuals, which makes gain and offset coordinates too: it comes with a threshold.
     """
 
     record: StepRecord
@@ -51,6 +53,7 @@ class Problem(eqx.Module):
     weights: Samples
     fixed: tuple[str, ...] = eqx.field(static=True)
     threshold: Scalar | None = None
+    prior: Prior | None = None
 
     # what is known and what is free
 
@@ -205,16 +208,20 @@ class Problem(eqx.Module):
         offset, amplitude = self.levels(x, g)
         return safe_sqrt(self.weights) * (self.record.y - offset - amplitude * g) / self.range
 
-    def residual(self, x: Coordinates, g: Samples | None = None) -> Samples:
-        """What is minimised: the sum of its squares is the loss."""
+    def residual(self, x: Coordinates, g: Samples | None = None) -> Array:
+        """What is minimised, a row a sample and one a prior: the sum of its squares is the loss."""
+        g = input_response(self.record, self.shape(x)) if g is None else g
         error = self.errors(x, g)
-        return error if self.threshold is None else huber_residual(error, self.threshold)
+        error = error if self.threshold is None else huber_residual(error, self.threshold)
+        if self.prior is None:
+            return error
+        return jnp.append(error, self.prior.rows(self._scaled(self.shape(x), x, g)))
 
     def loss(self, x: Coordinates, g: Samples | None = None) -> Scalar:
         """Sum of the squares of the residuals, in units of the range; g as in `errors`."""
         return jnp.sum(self.residual(x, g) ** 2)
 
-    def linearised(self, x: Array) -> tuple[Samples, list[Samples]]:
+    def linearised(self, x: Array) -> tuple[Array, list[Array]]:
         """Residuals, and their derivative in each coordinate.
 
         A dead time and the logarithm of the unit of time both move the response along its slope.
@@ -252,10 +259,14 @@ class Problem(eqx.Module):
         """The whole model at coordinates, what is known exactly as given; and its response g."""
         shape = self.shape(x, exact=True)
         g = input_response(self.record, shape)
+        return self._scaled(shape, x, g), g
+
+    def _scaled(self, shape: AbstractPlant, x: Coordinates, g: Samples) -> AbstractPlant:
+        """A plant of gain 1 and offset 0 with its levels."""
         offset, amplitude = self.levels(x, g)
         gain = self.known_levels.gain
         gain = amplitude / self.record.step_size if gain is None else gain
-        return eqx.tree_at(lambda m: (m.gain, m.offset), shape, (gain, offset)), g
+        return eqx.tree_at(lambda m: (m.gain, m.offset), shape, (gain, offset))
 
     # bounds
 

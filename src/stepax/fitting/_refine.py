@@ -1,6 +1,6 @@
 """Least-squares refinement of any model to a record."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -17,7 +17,7 @@ from ..models._spread import DEFAULT_ORDERS, check_orders
 from ..records._record import StepRecord
 from ._certainty import with_errors, with_record
 from ._families import family_of
-from ._fitted import LOSSES, MAX_STEPS, Fitted, best_order, fit
+from ._fitted import LOSSES, MAX_STEPS, Fitted, best_order, fit, with_derivatives
 
 
 @eqx.filter_jit
@@ -30,6 +30,7 @@ def refine(
     orders: Iterable[int] = DEFAULT_ORDERS,
     weights: Samples | None = None,
     loss: str = "squares",
+    prior: Mapping[str, Any] | None = None,
     solver: optx.AbstractLeastSquaresSolver | None = None,
     max_steps: int = MAX_STEPS,
     errors: bool = True,
@@ -54,8 +55,11 @@ def refine(
     `weights`: per row; the standard errors take them as inverse variances up to a common factor, 0
     leaves a row out. `loss`: "huber" bounds the pull of glitches: beyond 1.345 times the noise
     level (1.4826 times the median absolute residual, of a fit by squares and of one by this loss
-    before) a residual counts linearly (Huber 1964). `solver`: any optimistix least-squares solver;
-    only the default one keeps bounds. `errors=False` leaves standard errors NaN, which is faster.
+    before) a residual counts linearly (Huber 1964). `prior`: what is known of parameters
+    beforehand, `{"gain": (value, std)}`: the criterion gains $\sigma^2 ((p - v)/s)^2$, with the
+    noise level $\sigma$ of the fit without it; standard errors and AICc know it. A gain that the
+    record ends too early to tell needs one. `solver`: any optimistix least-squares solver; only the
+    default one keeps bounds. `errors=False` leaves standard errors NaN, which is faster.
 
     **Returns:** `Identification`; see `with_errors` for the standard errors. Derivatives with
     respect to the record and to what is fixed come from the implicit function theorem; those of a
@@ -63,19 +67,26 @@ def refine(
     """
     check_options(model, fixed, order, loss)
 
-    def search(record: StepRecord, model: AbstractPlant, weights: Samples | None, solver) -> Fitted:
-        def fitted(start: AbstractPlant) -> Fitted:
+    def search(record: StepRecord, model: AbstractPlant, weights, prior, solver) -> Fitted:
+        def fitted(record: StepRecord, start: AbstractPlant) -> Fitted:
             return fit(
-                record, start, fixed, weights=weights, loss=loss, solver=solver, max_steps=max_steps
+                record,
+                start,
+                fixed,
+                weights=weights,
+                loss=loss,
+                prior=prior,
+                solver=solver,
+                max_steps=max_steps,
             )
 
         if order is None:
-            return fitted(model)
+            return fitted(record, model)
         numbers = check_orders(orders)
         first = with_order(model, jnp.asarray(numbers[0]))
         return best_order(record, weights, numbers, first, with_order, fitted)
 
-    return concluded_in_groups(search, record, errors, model, weights, solver)
+    return concluded_in_groups(search, record, errors, model, weights, prior, solver)
 
 
 def with_order(plant: AbstractPlant, n: Array) -> AbstractPlant:
@@ -101,6 +112,7 @@ def concluded_in_groups(
 
 def concluded(fitted: Fitted, record: StepRecord, errors: bool = True) -> Identification:
     """The result of a fit; `record` is the one it was made from, names and details included."""
+    fitted = with_derivatives(fitted)
     problem, x = fitted.problem, fitted.x
     model, g = problem.plant(x)
     status = first_problem(fitted.status, problem.settled_status(g), problem.bound_status(x))

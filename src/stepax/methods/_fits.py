@@ -5,7 +5,7 @@ that name, which concludes from it.
 """
 
 import functools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypedDict, Unpack
 
 import jax.numpy as jnp
@@ -40,6 +40,7 @@ class FitOptions(TypedDict, total=False):
     fixed: Sequence[str]
     weights: Samples | None
     loss: str
+    prior: Mapping[str, Any] | None
     solver: optx.AbstractLeastSquaresSolver | None
     max_steps: int
     errors: bool
@@ -218,7 +219,7 @@ def _chain_fit(
     """
     options = dict(options)
     order, orders = options.pop("order", "auto"), options.pop("orders", DEFAULT_ORDERS)
-    fit_from = functools.partial(_checked_fit, record, options=options)
+    fit_from = functools.partial(_checked_fit, options=options)
 
     def begin(n: Array) -> AbstractPlant:
         return start(record, n, options.get("fixed", ()))
@@ -229,5 +230,5 @@ def _chain_fit(
         first = begin(jnp.asarray(numbers[0]))
         return best_order(record, weights, numbers, first, following, fit_from)
     if isinstance(order, int | np.integer) and not isinstance(order, bool):
-        return fit_from(begin(jnp.asarray(check_orders([int(order)])[0])))
+        return fit_from(record, begin(jnp.asarray(check_orders([int(order)])[0])))
     raise ValueError(f"order must be a whole number from 2 to 8 or 'auto', got {order!r}.")

@@ -13,6 +13,7 @@ from jax.core import Tracer
 
 from .._compilation import compiled
 from .._result import Identification
+from ..fitting._prior import checked_pairs
 from ..models._abstract import AbstractPlant
 from ..records._record import StepRecord
 from ._reading import time_name
@@ -52,7 +53,7 @@ class Method(NamedTuple):
 NUMBERS = ("delay", "gain", "period", "min_delay", "max_delay")
 """Options that are a number in the record's dtype: another value of them compiles nothing anew."""
 
-TRACED = (*NUMBERS, "weights")
+TRACED = (*NUMBERS, "weights", "prior")
 """Options that may hold arrays."""
 
 
@@ -84,6 +85,8 @@ def prepared(
     for name in NUMBERS:
         if isinstance(options.get(name), int | float | np.generic | np.ndarray | jax.Array):
             options[name] = jnp.asarray(options[name], record.t.dtype)
+    if options.get("prior") is not None:
+        options["prior"] = checked_pairs(options["prior"], record.t.dtype)
     return options
 
 
