@@ -243,7 +243,7 @@ def _covariance(problem, model, root, residual, phi, at_bound, values) -> _Covar
     inverse = jax.scipy.linalg.solve_triangular(r, jnp.eye(r.shape[0], dtype=r.dtype))
     q = jnp.where(lost[None, :], 0, q)
     rows, known = q[: root.size], q[root.size :]
-    coloured = rows.T @ _correlate(rows, phi)
+    coloured = _correlated(rows, phi)
     effective = jnp.trace(coloured)
     coloured = coloured + known.T @ known
     freedom = jnp.maximum(jnp.sum(root > 0) - effective, 1)
@@ -322,14 +322,12 @@ def _autocorrelation(residual: Array, count: Count | int, parameters: int) -> Sc
     return jnp.where(raw > 2 / count**0.5, jnp.clip(corrected, 0, 0.99), 0)
 
 
-def _correlate(q: Array, phi: Scalar) -> Array:
-    """R q for R_ij = phi^|i-j|, by one pass forwards and one backwards."""
+def _correlated(q: Array, phi: Scalar) -> Array:
+    """q^T R q for R_ij = phi^|i-j|: the lower half of R by one pass, the upper one is the same."""
 
     def decay(carry, row):
         carry = phi * carry + row
         return carry, carry
 
-    zero = jnp.zeros(q.shape[1], q.dtype)
-    forward = jax.lax.scan(decay, zero, q)[1]
-    backward = jax.lax.scan(decay, zero, q, reverse=True)[1]
-    return forward + backward - q
+    lower = q.T @ jax.lax.scan(decay, jnp.zeros(q.shape[1], q.dtype), q)[1]
+    return lower + lower.T - q.T @ q

@@ -33,8 +33,8 @@ DELAYS = np.linspace(0, 1, 16)
 """Dead times, over the latest possible, each of which gets its best shape: a zero and a dead time
 can trade places, so that there are two good ones with a bad one between."""
 
-FIRST_ORDER = np.stack([x.ravel() for x in np.meshgrid(np.geomspace(0.02, 1, 8), np.arange(8) / 8)])
-"""Time constants over the length of the record, and dead times over the time of 63.2 %."""
+LAGS, WAITS = np.geomspace(0.02, 1, 8), np.linspace(0, 1, 8)
+"""Time constants over the length of the record, and dead times over the largest of each."""
 
 FEW_ROWS = 64
 """Rows on which these are compared."""
@@ -52,18 +52,26 @@ def first_order_start(record: StepRecord, fixed: Sequence[str]) -> FOPDT:
     T = 1.5 * (late - early)
     _, safe = usable_record(record)
     t, y = _some_rows(safe, FEW_ROWS)
-    times = jnp.append(T, safe.duration * jnp.asarray(FIRST_ORDER[0], T.dtype))
-    delays = jnp.append(_delay(late - T, fixed), _delay(late, fixed) * FIRST_ORDER[1])
+    # In the first row Smith's time constant, the last of whose dead times is his too.
+    lags = jnp.append(T, safe.duration * jnp.asarray(LAGS, T.dtype))
+    latest = jnp.full_like(lags, late).at[0].set(late - T)
+    delays = _delay(latest, fixed)[:, None] * jnp.asarray(WAITS, T.dtype)
+    best = jnp.argmin(_first_order_errors(t, y, lags, delays))
+    delay = delays.ravel()[best]
+    return jax.lax.stop_gradient(FOPDT(T=lags[best // WAITS.size], delay=delay))
 
-    def error(T: Scalar, delay: Scalar) -> Scalar:
-        """Squared error of the best gain and offset, less what all have in common."""
-        g = FOPDT(T=T).unit_response(t - delay)
-        g = g - jnp.mean(g)
-        square = g @ g
-        return -((g @ y) ** 2) / jnp.where(square > 0, square, 1)
 
-    best = jnp.argmin(jax.vmap(error)(times, delays))
-    return jax.lax.stop_gradient(FOPDT(T=times[best], delay=delays[best]))
+def _first_order_errors(t: Array, y: Array, lags: Array, delays: Array) -> Array:
+    """Squared errors with the best gain and offset, less what all have in common.
+
+    `delays`: a row a lag. One exponential serves all dead times of a lag: exp(L/T) exp(-t/T).
+    """
+    decay = jnp.exp(-jnp.maximum(t, 0) / lags[:, None])
+    shift = jnp.exp(delays / lags[:, None])
+    g = 1 - shift[:, :, None] * decay[:, None, :]
+    g = jnp.where(t > delays[:, :, None], g, 0)
+    square = jnp.sum(g * g, axis=-1) - jnp.sum(g, axis=-1) ** 2 / t.size
+    return -(jnp.sum(g * y, axis=-1) ** 2) / jnp.where(square > 0, square, jnp.inf)
 
 
 def second_order_start(record: StepRecord, fixed: Sequence[str]) -> SOPDT:
