@@ -14,7 +14,7 @@ from .._arrays import Count, Samples, Scalar
 from .._status import Status, first_problem, refused
 from ..models._abstract import AbstractPlant
 from ..models._contour import accuracy
-from ..records._record import StepRecord
+from ..records._abstract import AbstractRecord
 from ._optimum import Optimum, optimum
 from ._problem import Problem, least_loss, problem_data
 from ._solver import BoundedLevenbergMarquardt
@@ -53,6 +53,11 @@ class Fitted(eqx.Module):
         return self.problem.threshold * self.problem.range / HUBER
 
     @property
+    def beside(self) -> bool:
+        """Whether more than a response and its levels was found."""
+        return bool(self.problem.record.beside(self.problem.model))
+
+    @property
     def score(self) -> Scalar:
         """AICc, infinite for a refusal."""
         return jnp.where(refused(self.status) | jnp.isnan(self.aicc), jnp.inf, self.aicc)
@@ -66,7 +71,7 @@ def aicc(square: Scalar, count: Array | int, parameters: Array | int) -> Scalar:
 
 
 def fit(
-    record: StepRecord,
+    record: AbstractRecord,
     start: AbstractPlant,
     fixed: Sequence[str] = (),
     *,
@@ -84,12 +89,17 @@ def fit(
         # the cost is flat to a root of eps around its least value: beyond, digits are noise
         solver = BoundedLevenbergMarquardt(rtol=eps**0.5)
         solver = eqx.tree_at(lambda s: s.atol, solver, atol)  # traced where rows are
+    beside = problem.record.beside(start)
+    if beside and loss != "squares":
+        raise ValueError(f'loss={loss!r} needs a plant at rest and no drift: use loss="squares".')
     if loss == "huber":
         problem, found = _robust(problem, solver, max_steps)
     else:
         found = optimum(problem, problem.start(), solver, max_steps)
     converged = Status.where(found.converged, Status.successful, Status.not_converged)
     parameters = len(problem.free_scalars) - jnp.sum(problem.absent)
+    if beside:
+        parameters = parameters + jnp.sum(jnp.any(jnp.stack(beside) != 0, axis=1))
     square = problem.loss(found.x, problem.plant(found.x)[1]) * problem.range**2
     return Fitted(
         problem=problem,
@@ -129,7 +139,7 @@ def _robust(problem: Problem, solver, max_steps: int) -> tuple[Problem, Optimum]
 
 
 def best_order(
-    record: StepRecord,
+    record: AbstractRecord,
     weights: Samples | None,
     orders: Sequence[int],
     start: AbstractPlant,

@@ -157,6 +157,14 @@ class AbstractPlant(eqx.Module):
         return Slopes(self.unit_response(t), slope, moved)
 
     @abc.abstractmethod
+    def own_motions(self, t: Samples) -> list[Samples]:
+        """What the output can do without an input, from t = 0 on: a basis, of order one.
+
+        Any state at t = 0 moves the output by a sum of these, each times a number. A lag of 0 has
+        no state: its motion is 0. What an integrator holds is the offset, and left out.
+        """
+
+    @abc.abstractmethod
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s) for gain 1 and delay 0."""
 
@@ -207,6 +215,13 @@ class AbstractPlant(eqx.Module):
         """Dimension of a parameter, in terms of "time", "input" and "output"; "1" for none."""
         return self.__dataclass_fields__[name].metadata.get("dimension", "1")
 
+    def in_unit(self, unit: Scalar) -> Any:
+        """The same plant where `unit` of a new unit of time are one of the old; slopes with it."""
+        powers = {"time": 1, "per time": -1, "output/(input time)": -1}
+        power = {name: powers.get(self.dimension(name), 0) for name in self.parameter_names}
+        moved = {name: getattr(self, name) * unit**k for name, k in power.items() if k}
+        return dataclasses.replace(self, **moved)
+
     def _elapsed(self, t: ArrayLike) -> Array:
         """Time since the response begins."""
         return as_real(t) - self.delay
@@ -229,7 +244,12 @@ class AbstractPlant(eqx.Module):
         s = 1j * as_real(omega)
         return self.gain * jnp.exp(-s * self.delay) * self.unit_transfer_function(s)
 
-    def respond(self, t: Float[ArrayLike, " samples"], u: Float[ArrayLike, " samples"]) -> Samples:
+    def respond(
+        self,
+        t: Float[ArrayLike, " samples"],
+        u: Float[ArrayLike, " samples"],
+        hold: str = "zero",
+    ) -> Samples:
         r"""Response to a sampled input, held constant between samples (zero-order hold).
 
         $y(t_i) = \text{offset} + \text{gain} \sum_k (u_k - u_{k-1})\, g(t_i - t_k - L)$, exact for
@@ -314,6 +334,19 @@ class AbstractChain(AbstractPlant):
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), by contour quadrature."""
         return chain_response(t, self.lags)
+
+    def own_motions(self, t: Samples) -> list[Samples]:
+        r"""1 less the step responses of the largest lag, the two largest, and so on.
+
+        $1/s - G_k(s)/s$ has the poles of the first k lags and no other, so that these span all
+        motions, with equal lags too; and none is ever larger than 1.
+        """
+        lags = -jnp.sort(-self.lags)
+        motions = []
+        for k in range(1, lags.size + 1):
+            first = jnp.where(np.arange(lags.size) < k, lags, 0)
+            motions.append(jnp.where(lags[k - 1] > 0, 1 - chain_response(t, first), 0))
+        return motions
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s), the product over the lags."""
