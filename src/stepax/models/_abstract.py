@@ -22,6 +22,8 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Int, Shaped
 from .._arrays import Flag, Lags, Samples, Scalar, as_real
 from ._contour import Slopes, chain_derivatives, chain_response
 from ._export import control_transfer_function, scipy_transfer_function
+from ._realisation import AbstractRealisation, ChainRealisation
+from ._respond import respond
 from ._responses import MAX_ORDER
 
 
@@ -229,18 +231,32 @@ class AbstractPlant(eqx.Module):
         s = 1j * as_real(omega)
         return self.gain * jnp.exp(-s * self.delay) * self.unit_transfer_function(s)
 
-    def respond(self, t: Float[ArrayLike, " samples"], u: Float[ArrayLike, " samples"]) -> Samples:
-        r"""Response to a sampled input, held constant between samples (zero-order hold).
+    def respond(
+        self, t: Float[ArrayLike, "..."], u: Float[ArrayLike, "..."], hold: str = "zero"
+    ) -> Samples:
+        r"""Response to a sampled input, exact for what the input does between samples.
 
-        $y(t_i) = \text{offset} + \text{gain} \sum_k (u_k - u_{k-1})\, g(t_i - t_k - L)$, exact for
-        uneven times too. `u` is the deviation from the operating point, the plant is at rest
-        before `t[0]`. Time and memory grow with the square of the number of samples.
+        `hold="zero"`: it is constant from each sample to the next,
+        $y(t_i) = \text{offset} + \text{gain} \sum_k (u_k - u_{k-1})\, g(t_i - t_k - L)$;
+        `hold="first"`: it moves along the line between them, after a jump to the first. `t`
+        increases, evenly or not; `u` is the deviation from the operating point, and the plant is at
+        rest before `t[0]`. A jump is seen from the left: the output at its time is that before it.
+
+        Time and memory grow as the number N of samples (a real order of equal lags: N log N, at
+        uneven times N^2). A whole number of sampling intervals is as good a dead time as any other.
         """
-        t, u = as_real(t), as_real(u)
-        moves = jnp.diff(u, prepend=jnp.zeros_like(u[:1]))
-        return self.offset + self.gain * (
-            self.unit_response(t[:, None] - t[None, :] - self.delay) @ moves
-        )
+        return respond(self, t, u, hold)
+
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation | None:
+        """As a linear system with a state, sampled at intervals of at least `interval`.
+
+        None for a plant that has no finite state: it has a `unit_ramp`.
+        """
+        raise NotImplementedError
+
+    def unit_ramp(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """Response to a ramp of slope 1, for gain 1 without offset and delay."""
+        raise NotImplementedError
 
     def __repr__(self) -> str:
         """The numbers of a concrete plant, to six digits; else the PyTree."""
@@ -314,6 +330,10 @@ class AbstractChain(AbstractPlant):
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), by contour quadrature."""
         return chain_response(t, self.lags)
+
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation | None:
+        """One state for each lag."""
+        return ChainRealisation(self.lags, interval, even)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s), the product over the lags."""

@@ -23,6 +23,7 @@ from ._abstract import (
     positions,
 )
 from ._contour import Slopes, chain_response, chain_slopes
+from ._realisation import AbstractRealisation
 from ._responses import (
     equal_lag_response,
     equal_spacing_inflection,
@@ -192,6 +193,15 @@ class EqualLag(AbstractChain):
             return equal_lag_response(t, self.T, self.n)
         rate = jnp.where(in_range(self.n), jnp.ones_like(self.T), jnp.nan)
         return equal_spacing_response(t / self.T, rate, jnp.zeros_like(self.T), self.n)
+
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation | None:
+        """One state for each lag; a real order has no finite number of them."""
+        return super().realise(interval, even) if self.is_whole else None
+
+    def unit_ramp(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        r"""$t\,P(n, t/T) - n T\,P(n+1, t/T)$, the integral of the response to a step."""
+        more = equal_lag_response(t, self.T, self.n + 1)
+        return t * self.unit_response(t) - self.n * self.T * more
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s), also for a fractional n."""

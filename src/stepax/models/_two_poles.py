@@ -18,6 +18,7 @@ from ._abstract import (
     TimeScales,
 )
 from ._contour import Slopes
+from ._realisation import AbstractRealisation, ChainRealisation, SecondOrderRealisation
 from ._responses import (
     lagged_ramp_response,
     second_order_response,
@@ -45,6 +46,11 @@ class SOPDT(AbstractPlant):
         return second_order_slopes(
             t, self.zeta, self.omega_n, jnp.zeros_like(self.zeta), _second_order(self, changes)
         )
+
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation:
+        """The output and its slope."""
+        del interval, even
+        return SecondOrderRealisation(self.zeta, self.omega_n, jnp.zeros_like(self.zeta))
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s)."""
@@ -111,6 +117,11 @@ class SOPDTZero(AbstractPlant):
             t, self.zeta, self.omega_n, self.lead, _second_order(self, changes)
         )
 
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation:
+        """The output and its slope."""
+        del interval, even
+        return SecondOrderRealisation(self.zeta, self.omega_n, self.lead)
+
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s)."""
         return (1 + s * self.lead) * self._without_zero.unit_transfer_function(s)
@@ -168,6 +179,10 @@ class IPDT(AbstractPlant):
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), in closed form."""
         return lagged_ramp_response(t, self.T)
+
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation:
+        """The integral of the input, and the lag behind it."""
+        return ChainRealisation(self.lags, interval, even, integrators=1)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s); at 0, where a complex division would give NaN, its real part is infinite."""
