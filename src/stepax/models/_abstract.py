@@ -8,7 +8,6 @@ a plant is asked of the plant, never decided by its class elsewhere.
 import abc
 import dataclasses
 import math
-import operator
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -22,46 +21,9 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Int, Shaped
 from .._arrays import Flag, Lags, Samples, Scalar, as_real
 from ._contour import Slopes, chain_derivatives, chain_response
 from ._export import control_transfer_function, scipy_transfer_function
-from ._responses import MAX_ORDER
-
-
-def as_order(n: Any) -> Any:
-    """Order of a chain: a Python int, which stays static, or an array of integers."""
-    if isinstance(n, np.integer):
-        n = operator.index(n)
-    if n is None:  # so that a model can hold `in_axes`
-        return n
-    whole = isinstance(n, int) and not isinstance(n, bool)
-    if isinstance(n, jax.Array | np.ndarray):
-        whole = jnp.issubdtype(n.dtype, jnp.integer)
-    if not whole:
-        raise TypeError(f"the order n of a chain must be a whole number, got {n!r}.")
-    if isinstance(n, int) and n < 1:
-        raise ValueError(f"the order n of a chain must be at least 1, got {n}.")
-    return n
-
-
-def as_real_order(n: Any) -> Any:
-    """Order of equal lags: a Python int stays static; anything else is a real array."""
-    if isinstance(n, int | np.integer):
-        return as_order(n)
-    if isinstance(n, jax.Array | np.ndarray) and jnp.issubdtype(n.dtype, jnp.integer):
-        return n
-    n = as_real(n)
-    if not isinstance(n, Tracer) and not np.all(np.asarray(n) > 0):
-        raise ValueError(f"the order n of equal lags must be positive, got {n}.")
-    return n
-
-
-def positions(n) -> tuple[int, Array]:
-    """Length of `.lags` and which of its places an order `n` uses."""
-    length = n if isinstance(n, int) else MAX_ORDER
-    return length, jnp.arange(length) < n
-
-
-def in_range(n) -> Any:
-    """Whether an order can be evaluated: any Python int, an array from 1 to `MAX_ORDER`."""
-    return True if isinstance(n, int) else (n >= 1) & (n <= MAX_ORDER)
+from ._orders import as_order
+from ._realisation import AbstractRealisation, ChainRealisation
+from ._respond import respond
 
 
 class ScalarParameter(NamedTuple):
@@ -245,22 +207,31 @@ class AbstractPlant(eqx.Module):
         return self.gain * jnp.exp(-s * self.delay) * self.unit_transfer_function(s)
 
     def respond(
-        self,
-        t: Float[ArrayLike, " samples"],
-        u: Float[ArrayLike, " samples"],
-        hold: str = "zero",
+        self, t: Float[ArrayLike, "..."], u: Float[ArrayLike, "..."], hold: str = "zero"
     ) -> Samples:
-        r"""Response to a sampled input, held constant between samples (zero-order hold).
+        r"""Response to a sampled input, exact for what the input does between samples.
 
-        $y(t_i) = \text{offset} + \text{gain} \sum_k (u_k - u_{k-1})\, g(t_i - t_k - L)$, exact for
-        uneven times too. `u` is the deviation from the operating point, the plant is at rest
-        before `t[0]`. Time and memory grow with the square of the number of samples.
+        `hold="zero"`: it is constant from each sample to the next,
+        $y(t_i) = \text{offset} + \text{gain} \sum_k (u_k - u_{k-1})\, g(t_i - t_k - L)$;
+        `hold="first"`: it moves along the line between them, after a jump to the first. `t`
+        increases, evenly or not; `u` is the deviation from the operating point, and the plant is at
+        rest before `t[0]`. A jump is seen from the left: the output at its time is that before it.
+
+        Time and memory grow as the number N of samples (a real order of equal lags: N log N, at
+        uneven times N^2). A whole number of sampling intervals is as good a dead time as any other.
         """
-        t, u = as_real(t), as_real(u)
-        moves = jnp.diff(u, prepend=jnp.zeros_like(u[:1]))
-        return self.offset + self.gain * (
-            self.unit_response(t[:, None] - t[None, :] - self.delay) @ moves
-        )
+        return respond(self, t, u, hold)
+
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation | None:
+        """As a linear system with a state, sampled at intervals of at least `interval`.
+
+        None for a plant that has no finite state: it has a `unit_ramp`.
+        """
+        raise NotImplementedError
+
+    def unit_ramp(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """Response to a ramp of slope 1, for gain 1 without offset and delay."""
+        raise NotImplementedError
 
     def __repr__(self) -> str:
         """The numbers of a concrete plant, to six digits; else the PyTree."""
@@ -347,6 +318,10 @@ class AbstractChain(AbstractPlant):
             first = jnp.where(np.arange(lags.size) < k, lags, 0)
             motions.append(jnp.where(lags[k - 1] > 0, 1 - chain_response(t, first), 0))
         return motions
+
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation | None:
+        """One state for each lag."""
+        return ChainRealisation(self.lags, interval, even)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s), the product over the lags."""

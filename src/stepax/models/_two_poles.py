@@ -19,6 +19,7 @@ from ._abstract import (
     TimeScales,
 )
 from ._contour import Slopes
+from ._realisation import AbstractRealisation, ChainRealisation, SecondOrderRealisation
 from ._responses import (
     first_order_response,
     lagged_ramp_response,
@@ -52,6 +53,11 @@ class SOPDT(AbstractPlant):
         """1 - g, and the slope of g over omega_n."""
         g, slope = jax.jvp(self.unit_response, (t,), (jnp.ones_like(t),))
         return [1 - g, slope / self.omega_n]
+
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation:
+        """The output and its slope."""
+        del interval, even
+        return SecondOrderRealisation(self.zeta, self.omega_n, jnp.zeros_like(self.zeta))
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s)."""
@@ -122,6 +128,11 @@ class SOPDTZero(AbstractPlant):
         """As without the zero."""
         return self._without_zero.own_motions(t)
 
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation:
+        """The output and its slope."""
+        del interval, even
+        return SecondOrderRealisation(self.zeta, self.omega_n, self.lead)
+
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s)."""
         return (1 + s * self.lead) * self._without_zero.unit_transfer_function(s)
@@ -184,6 +195,10 @@ class IPDT(AbstractPlant):
         """That of the lag."""
         one = jnp.where(self.T > 0, self.T, 1)
         return [jnp.where(self.T > 0, 1 - first_order_response(t, one), 0)]
+
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation:
+        """The integral of the input, and the lag behind it."""
+        return ChainRealisation(self.lags, interval, even, integrators=1)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s); at 0, where a complex division would give NaN, its real part is infinite."""

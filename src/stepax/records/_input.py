@@ -15,13 +15,12 @@ from .._arrays import Count, Flag, Samples, Scalar
 from .._status import Status
 from ..models._abstract import AbstractPlant
 from ..models._contour import chain_curvature
+from ..models._convolved import convolve
+from ..models._respond import check_hold, respond_evenly, respond_unevenly
 from ._abstract import AbstractRecord, times_go_on
 from ._checks import as_rows, as_samples, as_weights
 from ._labels import Labels
 
-
-HOLDS = ("zero", "first")
-"""What the input does between samples: it stays, or runs straight to the next."""
 
 EVEN = 1e-6
 """Share of the sampling interval by which evenly sampled times may be off, beside rounding."""
@@ -62,7 +61,7 @@ class InputRecord(AbstractRecord):
     weights: Samples | None
     at_rest: bool = eqx.field(static=True)
     drift: bool = eqx.field(static=True)
-    even: bool = eqx.field(static=True)  # found when the record is made, if the times are known
+    even: bool | None = eqx.field(static=True)  # found when it is made; None: times were traced
     found: Samples | None  # what multiplies `beside`, of the record of a result
 
     # Facts of the class, not annotated: an annotation would make them fields.
@@ -92,8 +91,7 @@ class InputRecord(AbstractRecord):
         if not t.shape == y.shape == u.shape:
             sizes = f"{t.size}, {y.size} and {u.size}"
             raise ValueError(f"t, y and u {of} must have equal lengths, got {sizes}.")
-        if hold not in HOLDS:
-            raise ValueError(f'hold {of} must be "zero" or "first", got {hold!r}.')
+        check_hold(hold)
         dtype = jnp.result_type(t, y, u)
         self.t, self.y, self.u = t.astype(dtype), y.astype(dtype), u.astype(dtype)
         self.hold, self.labels = hold, labels
@@ -196,7 +194,8 @@ class InputRecord(AbstractRecord):
         records = super().alike(records)
         if len({(record.hold, record.at_rest, record.drift) for record in records}) > 1:
             raise ValueError("stack_records needs InputRecords with one hold, at_rest and drift.")
-        even = all(record.even for record in records)
+        known = [record.even for record in records]
+        even = None if None in known else all(known)
         return [dataclasses.replace(record, even=even) for record in records]
 
     def share_shown(self, plant: AbstractPlant, response: Samples) -> Scalar:
@@ -267,7 +266,7 @@ class InputRecord(AbstractRecord):
 
     @property
     def _convolves(self) -> bool:
-        return self.even and self.hold == "zero"
+        return bool(self.even) and self.hold == "zero"
 
     def _since(self, plant: AbstractPlant) -> Samples:
         """Times since a move that all rows together know, less the dead time."""
@@ -276,15 +275,17 @@ class InputRecord(AbstractRecord):
 
     def _driven(self, kernels: Array) -> Array:
         """Responses to one move, added up over all moves of an evenly sampled input."""
-        size = 1 << (2 * self.t.size - 1).bit_length()
         moves = jnp.diff(self.u, prepend=self.u[:1]) / self.input_size
-        spectrum = jnp.fft.rfft(moves, size)
-        spectrum = spectrum.reshape((1,) * (kernels.ndim - 1) + (-1,))
-        return jnp.fft.irfft(jnp.fft.rfft(kernels, size) * spectrum, size)[..., : self.t.size]
+        return convolve(kernels, moves.reshape((1,) * (kernels.ndim - 1) + (-1,)))
 
     def _simulated(self, plant: AbstractPlant) -> Samples:
         """The plant's own rule for any times and either hold."""
-        return _unit(plant).respond(self.t, (self.u - self.u[0]) / self.input_size, hold=self.hold)
+        plant, u = _unit(plant), (self.u - self.u[0]) / self.input_size
+        if self.even is None:
+            return plant.respond(self.t, u, self.hold)
+        if self.even:
+            return respond_evenly(plant, self.duration / self.last, u, self.hold)
+        return respond_unevenly(plant, self.t, u, self.hold)
 
     def _slope(self, plant: AbstractPlant, change: dict[str, Array]) -> Samples:
         """How the response moves with own parameters or the dead time."""
@@ -294,20 +295,11 @@ class InputRecord(AbstractRecord):
         return jax.jvp(moved, (now,), (change,))[1]
 
     def _at(self, plant: AbstractPlant, t: Any) -> Samples:
-        """At any times: rows and these times as one, the input held or run between its samples."""
-        record = self.compacted()
-        t = jnp.asarray(t, record.t.dtype)
-        times = jnp.concatenate([record.t, jnp.maximum(t, record.t[0])])
-        u = (record.u - record.u[0]) / record.input_size
-        if self.hold == "first":
-            other = jnp.interp(t, record.t, u)
-        else:
-            row = jnp.searchsorted(record.t, t, side="right") - 1
-            other = u[jnp.maximum(row, 0)]
-        order = jnp.argsort(times, stable=True)
-        u = jnp.concatenate([u, other])[order]
-        y = _unit(plant).respond(times[order], u, hold=self.hold)
-        return jnp.zeros_like(y).at[order].set(y)[record.t.size :]
+        """At any times; behind the last row the input stays as it is."""
+        record, t = self.compacted(), jnp.asarray(t, self.t.dtype)
+        behind = jnp.maximum(record.t[-1], jnp.max(t)) + record.duration
+        times, u = jnp.append(record.t, behind), (record.u - record.u[0]) / record.input_size
+        return respond_unevenly(_unit(plant), times, jnp.append(u, u[-1]), self.hold, t)
 
 
 def refuse_other_input(record: Any, name: str) -> None:
@@ -325,10 +317,10 @@ def _unit(plant: AbstractPlant) -> AbstractPlant:
     return dataclasses.replace(plant, gain=one, offset=jnp.zeros_like(one))
 
 
-def _are_even(t: Any, rows: Any) -> bool:
-    """Whether times are known, and evenly spaced but for rounding."""
+def _are_even(t: Any, rows: Any) -> bool | None:
+    """Whether times are evenly spaced but for rounding; None where they are not known."""
     if isinstance(t, Tracer) or isinstance(rows, Tracer):
-        return False
+        return None
     try:
         t = np.asarray(t)
         t = (t if t.dtype.kind == "f" else t.astype(float))[: None if rows is None else int(rows)]
