@@ -142,6 +142,10 @@ class AbstractRecord(eqx.Module):
         del plant, t
         return []
 
+    def for_search(self) -> Any:
+        """The same record in a form that is quick, but need not be differentiable in its input."""
+        return self
+
     def seeking(self, at_rest: bool | None, drift: bool | None) -> Any:
         """A record of which a state other than rest, or a drift, is sought too."""
         if at_rest is not None or drift is not None:

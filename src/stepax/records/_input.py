@@ -26,6 +26,10 @@ EVEN = 1e-6
 """Share of the sampling interval by which evenly sampled times may be off, beside rounding."""
 
 
+FEW_MOVES = 8
+"""Moves up to which it is quicker to add up the responses to each, also at even times."""
+
+
 class InputRecord(AbstractRecord):
     r"""A record with a sampled input: staircase, pulses, PRBS, what a controller did.
 
@@ -62,6 +66,8 @@ class InputRecord(AbstractRecord):
     at_rest: bool = eqx.field(static=True)
     drift: bool = eqx.field(static=True)
     even: bool | None = eqx.field(static=True)  # found when it is made; None: times were traced
+    moves: int | None = eqx.field(static=True)  # how often the input moves; None: it was traced
+    superposes: bool = eqx.field(static=True)  # see `for_search`
     found: Samples | None  # what multiplies `beside`, of the record of a result
 
     # Facts of the class, not annotated: an annotation would make them fields.
@@ -83,10 +89,13 @@ class InputRecord(AbstractRecord):
         labels: Labels = Labels(),  # noqa: B008 (immutable)
         details: dict[str, Array] | None = None,
         even: bool | None = None,
+        moves: int | None = None,
+        superposes: bool = False,
         found: Samples | None = None,
     ):
         of = "of an InputRecord"
-        known = _are_even(t, rows) if even is None else even
+        self.even = _are_even(t, rows) if even is None else even
+        self.moves, self.superposes = _moves(u, rows) if moves is None else moves, superposes
         t, y, u = (as_samples(x, f"{name} {of}") for name, x in (("t", t), ("y", y), ("u", u)))
         if not t.shape == y.shape == u.shape:
             sizes = f"{t.size}, {y.size} and {u.size}"
@@ -98,7 +107,7 @@ class InputRecord(AbstractRecord):
         self.details = {} if details is None else details
         self.rows = None if rows is None else as_rows(rows, f"rows {of}", t.size)
         self.weights = None if weights is None else as_weights(weights, f"weights {of}", self.t)
-        self.at_rest, self.drift, self.even, self.found = bool(at_rest), bool(drift), known, found
+        self.at_rest, self.drift, self.found = bool(at_rest), bool(drift), found
 
     # what a record is asked
 
@@ -194,9 +203,11 @@ class InputRecord(AbstractRecord):
         records = super().alike(records)
         if len({(record.hold, record.at_rest, record.drift) for record in records}) > 1:
             raise ValueError("stack_records needs InputRecords with one hold, at_rest and drift.")
-        known = [record.even for record in records]
+        known, moves = [record.even for record in records], [record.moves for record in records]
         even = None if None in known else all(known)
-        return [dataclasses.replace(record, even=even) for record in records]
+        most = max((x for x in moves if x is not None), default=None)
+        most = None if None in moves else most
+        return [dataclasses.replace(record, even=even, moves=most) for record in records]
 
     def share_shown(self, plant: AbstractPlant, response: Samples) -> Scalar:
         """The response to a step at the first row, in the last."""
@@ -218,7 +229,7 @@ class InputRecord(AbstractRecord):
         """g against every move of the input."""
         if t is not None:
             return self._at(plant, t)
-        if self._convolves:
+        if self._has_kernels:
             return self._driven(plant.unit_response(self._since(plant)))
         return self._simulated(plant)
 
@@ -226,7 +237,7 @@ class InputRecord(AbstractRecord):
         self, plant: AbstractPlant, changes: Sequence[dict[str, Array]]
     ) -> tuple[Samples, Samples, Samples, list[Samples]]:
         """As of a step, each against every move of the input."""
-        if self._convolves:
+        if self._has_kernels:
             since = self._since(plant)
             g, slope, moved = plant.slopes(since, changes)
             kernels = jnp.stack([g, -slope, -since * slope, *moved])
@@ -243,10 +254,11 @@ class InputRecord(AbstractRecord):
         return self.response(plant), by_delay, by_unit, moved
 
     def curvature(self, plant: Any, weights: Samples) -> Array:
-        """By the rule of the contour where the response is a convolution, else differentiated."""
-        if self._convolves:
-            back = jax.linear_transpose(self._driven, self.t)
-            return chain_curvature(self._since(plant), plant.lags, back(weights)[0])
+        """By the rule of the contour where there are single steps, else differentiated."""
+        if self._has_kernels:
+            since = self._since(plant)
+            back = jax.linear_transpose(self._driven, since)
+            return chain_curvature(since, plant.lags, back(weights)[0])
 
         def total(lags: Array) -> Scalar:
             return weights @ self.response(dataclasses.replace(plant, lags=lags))
@@ -264,19 +276,40 @@ class InputRecord(AbstractRecord):
         names = {"trend": numbers[0]} if self.drift else {}
         return names if self.at_rest else names | {"own_motion": numbers[int(self.drift) :]}
 
+    def for_search(self) -> "InputRecord":
+        """The same record, of few moves one that adds up the responses to them.
+
+        Which is quick, and whose derivatives in u know only the rows in which it moves now.
+        """
+        few = self.kinked and self.moves is not None and self.moves <= FEW_MOVES
+        return dataclasses.replace(self, superposes=few)
+
     @property
-    def _convolves(self) -> bool:
-        return bool(self.even) and self.hold == "zero"
+    def _has_kernels(self) -> bool:
+        """Whether the response is a sum over responses to steps at known times."""
+        return self.superposes or (bool(self.even) and self.hold == "zero")
 
     def _since(self, plant: AbstractPlant) -> Samples:
-        """Times since a move that all rows together know, less the dead time."""
+        """Times from these steps on, less the dead time: what `_driven` takes responses at."""
+        if self.superposes:
+            return (self.t - self.t[self._rows_of_moves][:, None]).ravel() - plant.delay
         interval = self.duration / self.last
         return interval * jnp.arange(self.t.size) - plant.delay
 
     def _driven(self, kernels: Array) -> Array:
-        """Responses to one move, added up over all moves of an evenly sampled input."""
+        """The responses from responses to single steps, along the last axis."""
+        before = kernels.shape[:-1]
         moves = jnp.diff(self.u, prepend=self.u[:1]) / self.input_size
-        return convolve(kernels, moves.reshape((1,) * (kernels.ndim - 1) + (-1,)))
+        if not self.superposes:
+            return convolve(kernels, moves.reshape((1,) * len(before) + (-1,)))
+        kernels = kernels.reshape(*before, -1, self.t.size)
+        return jnp.einsum("...mt,m->...t", kernels, moves[self._rows_of_moves])
+
+    @property
+    def _rows_of_moves(self) -> Array:
+        """The rows in which the input has moved, filled up with the first, in which it has not."""
+        moved = jnp.diff(self.u, prepend=self.u[:1]) != 0
+        return jnp.nonzero(moved, size=self.moves, fill_value=0)[0]
 
     def _simulated(self, plant: AbstractPlant) -> Samples:
         """The plant's own rule for any times and either hold."""
@@ -315,6 +348,17 @@ def _unit(plant: AbstractPlant) -> AbstractPlant:
     """A plant with gain 1 and offset 0."""
     one = jnp.ones_like(plant.gain)
     return dataclasses.replace(plant, gain=one, offset=jnp.zeros_like(one))
+
+
+def _moves(u: Any, rows: Any) -> int | None:
+    """How often an input moves, or None where it is not known: 1, 2, 4, ..., at least so often."""
+    if isinstance(u, Tracer) or isinstance(rows, Tracer):
+        return None
+    try:
+        u = np.asarray(u, float)[: None if rows is None else int(rows)]
+    except (TypeError, ValueError):  # the checks say what is wrong
+        return None
+    return 1 << int(np.count_nonzero(np.diff(u)) - 1).bit_length() if u.ndim == 1 else None
 
 
 def _are_even(t: Any, rows: Any) -> bool | None:
