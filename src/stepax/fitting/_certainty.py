@@ -263,7 +263,7 @@ def _beside(problem: Problem, model, root: Samples) -> Float[Array, "k samples"]
     columns = problem.record.beside(model)
     if not columns:
         return jnp.zeros((0, root.size), root.dtype)
-    return root * Beside.of(columns, problem.weights).q
+    return root[None] * Beside.of(columns, problem.weights).q
 
 
 def _frozen(in_a_row: np.ndarray, values: Array, at_bound: Array) -> Array:

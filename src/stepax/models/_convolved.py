@@ -28,19 +28,19 @@ def convolved_response(
     t = interval * (jnp.arange(count) + phase)
     moves = jnp.diff(u)
     if hold == "zero":
-        y = u[0] * step(t) + convolve(step(t), jnp.concatenate([0 * u[:1], moves]))
+        y = u[0] * step(t) + _convolve(step(t), jnp.concatenate([0 * u[:1], moves]))
     else:
         edges = ramp(jnp.concatenate([t[:1] - interval, t]))
-        y = u[0] * step(t) + convolve(jnp.diff(edges) / interval, jnp.append(moves, 0))
+        y = u[0] * step(t) + _convolve(jnp.diff(edges) / interval, jnp.append(moves, 0))
     return put_off(jnp.concatenate([jnp.zeros_like(y[:1]), y[:-1]]), whole)
 
 
-def convolve(kernel: Float[Array, "... samples"], moves: Float[Array, "... samples"]) -> Array:
-    """Causal convolution along the last axis."""
-    count = kernel.shape[-1]
+def _convolve(kernel: Samples, moves: Samples) -> Samples:
+    """Causal convolution."""
+    count = kernel.shape[0]
     length = 1 << (2 * count - 1).bit_length()
     spectrum = jnp.fft.rfft(kernel, length) * jnp.fft.rfft(moves, length)
-    return jnp.fft.irfft(spectrum, length)[..., :count]
+    return jnp.fft.irfft(spectrum, length)[:count]
 
 
 def superposed_response(
@@ -50,8 +50,8 @@ def superposed_response(
     t: Samples,
     u: Samples,
     hold: str,
-    at: Samples | None = None,
-) -> Samples:
+    at: Float[Array, " outputs"] | None = None,
+) -> Array:
     """At uneven times, or `at` others, one response for every sample: N^2 in time, N in memory."""
     if hold == "zero":
         parts = [(step, jnp.diff(u, prepend=0))]

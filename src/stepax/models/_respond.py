@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+from jaxtyping import Array, Float
 
 from .._arrays import Samples, Scalar, as_real
 from ._convolved import convolved_response, superposed_response
@@ -85,8 +86,8 @@ def _evenly(plant: Any, interval: Scalar, u: Samples, hold: str) -> Samples:
 
 @eqx.filter_jit
 def respond_unevenly(
-    plant: Any, t: Samples, u: Samples, hold: str, at: Samples | None = None
-) -> Samples:
+    plant: Any, t: Samples, u: Samples, hold: str, at: Float[Array, " outputs"] | None = None
+) -> Array:
     """Response to samples at times that increase; there, or `at` any times up to the last."""
     realisation = plant.realise(jnp.min(jnp.diff(t)), False)
     if realisation is None:
@@ -112,5 +113,5 @@ def _respond_traced(plant: Any, t: Samples, u: Samples, hold: str) -> Samples:
     return jnp.where(jnp.all(jnp.diff(t) > 0), y, jnp.nan)
 
 
-def _levels(plant: Any, y: Samples) -> Samples:
+def _levels(plant: Any, y: Array) -> Array:
     return plant.offset + plant.gain * y

@@ -19,8 +19,8 @@ def uneven_response(
     t: Samples,
     u: Samples,
     hold: str,
-    at: Samples | None = None,
-) -> Samples:
+    at: Float[Array, " outputs"] | None = None,
+) -> Array:
     """Response to samples at times that increase, put off by a dead time.
 
     At those times, or `at` others up to the last. A matrix takes the state over each interval,

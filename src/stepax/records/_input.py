@@ -15,7 +15,6 @@ from .._arrays import Count, Flag, Samples, Scalar
 from .._status import Status
 from ..models._abstract import AbstractPlant
 from ..models._contour import chain_curvature
-from ..models._convolved import convolve
 from ..models._respond import check_hold, respond_evenly, respond_unevenly
 from ._abstract import AbstractRecord, times_go_on
 from ._checks import as_rows, as_samples, as_weights
@@ -229,19 +228,19 @@ class InputRecord(AbstractRecord):
         """g against every move of the input."""
         if t is not None:
             return self._at(plant, t)
-        if self._has_kernels:
-            return self._driven(plant.unit_response(self._since(plant)))
+        if self.superposes:
+            return self._added_up(plant.unit_response(self._since(plant)))
         return self._simulated(plant)
 
     def response_slopes(
         self, plant: AbstractPlant, changes: Sequence[dict[str, Array]]
     ) -> tuple[Samples, Samples, Samples, list[Samples]]:
         """As of a step, each against every move of the input."""
-        if self._has_kernels:
+        if self.superposes:
             since = self._since(plant)
             g, slope, moved = plant.slopes(since, changes)
             kernels = jnp.stack([g, -slope, -since * slope, *moved])
-            g, by_delay, by_unit, *moved = self._driven(kernels)
+            g, by_delay, by_unit, *moved = self._added_up(kernels)
             return g, by_delay, by_unit, moved
         ways = [{"delay": jnp.ones_like(plant.delay)}, *changes]
         by_delay, *moved = [self._slope(plant, way) for way in ways]
@@ -254,10 +253,10 @@ class InputRecord(AbstractRecord):
         return self.response(plant), by_delay, by_unit, moved
 
     def curvature(self, plant: Any, weights: Samples) -> Array:
-        """By the rule of the contour where there are single steps, else differentiated."""
-        if self._has_kernels:
+        """By the rule of the contour where there are few moves, else differentiated."""
+        if self.superposes:
             since = self._since(plant)
-            back = jax.linear_transpose(self._driven, since)
+            back = jax.linear_transpose(self._added_up, since)
             return chain_curvature(since, plant.lags, back(weights)[0])
 
         def total(lags: Array) -> Scalar:
@@ -284,25 +283,14 @@ class InputRecord(AbstractRecord):
         few = self.kinked and self.moves is not None and self.moves <= FEW_MOVES
         return dataclasses.replace(self, superposes=few)
 
-    @property
-    def _has_kernels(self) -> bool:
-        """Whether the response is a sum over responses to steps at known times."""
-        return self.superposes or (bool(self.even) and self.hold == "zero")
-
     def _since(self, plant: AbstractPlant) -> Samples:
-        """Times from these steps on, less the dead time: what `_driven` takes responses at."""
-        if self.superposes:
-            return (self.t - self.t[self._rows_of_moves][:, None]).ravel() - plant.delay
-        interval = self.duration / self.last
-        return interval * jnp.arange(self.t.size) - plant.delay
+        """Times since each of few moves, less the dead time."""
+        return (self.t[None] - self.t[self._rows_of_moves][:, None]).ravel() - plant.delay
 
-    def _driven(self, kernels: Array) -> Array:
-        """The responses from responses to single steps, along the last axis."""
-        before = kernels.shape[:-1]
+    def _added_up(self, kernels: Array) -> Array:
+        """The response from responses to single steps at these times, along the last axis."""
         moves = jnp.diff(self.u, prepend=self.u[:1]) / self.input_size
-        if not self.superposes:
-            return convolve(kernels, moves.reshape((1,) * len(before) + (-1,)))
-        kernels = kernels.reshape(*before, -1, self.t.size)
+        kernels = kernels.reshape(*kernels.shape[:-1], -1, self.t.size)
         return jnp.einsum("...mt,m->...t", kernels, moves[self._rows_of_moves])
 
     @property
