@@ -29,6 +29,7 @@ from .records._characterise import (
     crossing_times as crossing_times,
     tangent as tangent,
 )
+from .records._input import InputRecord as InputRecord
 from .records._preprocess import (
     noise_level as noise_level,
     preprocess as preprocess,

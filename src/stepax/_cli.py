@@ -37,7 +37,7 @@ from .report._files import Outputs
 
 
 if TYPE_CHECKING:
-    from .records._record import StepRecord
+    from .records._abstract import AbstractRecord
 
 
 app = typer.Typer(
@@ -175,7 +175,7 @@ def _show(*parts: Any, written: list[Path] = []) -> None:  # noqa: B006 (not cha
         out.print(f"Written: {path}", markup=False, highlight=False)
 
 
-def _heading(record: "StepRecord", example: str | None) -> str:
+def _heading(record: "AbstractRecord", example: str | None) -> str:
     """What was read, in a line or two."""
     from .report._content import record_line
 

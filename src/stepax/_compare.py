@@ -17,6 +17,8 @@ from .methods._method import Method
 from .models._abstract import AbstractPlant
 from .models._deviation import squared_deviation
 from .models._notation import transfer_function
+from .records._abstract import AbstractRecord
+from .records._input import refuse_other_input
 from .records._record import StepRecord, predict
 from .records._thin import thinned
 
@@ -62,7 +64,7 @@ class Row(NamedTuple):
 class Comparison:
     """Methods on one record, ranked by J, refusals last."""
 
-    record: StepRecord
+    record: AbstractRecord
     rows: tuple[Row, ...]
 
     @property
@@ -121,7 +123,7 @@ class Comparison:
 
 
 def compare(
-    record: StepRecord,
+    record: AbstractRecord,
     methods: Sequence[str] | None = None,
     plant: AbstractPlant | None = None,
     *,
@@ -129,7 +131,8 @@ def compare(
 ) -> Comparison:
     r"""Several methods on one record, ranked by J (integral of the squared error).
 
-    **Arguments:** `methods`: names, by default all of `METHODS`. `plant`: the true plant, if known
+    **Arguments:** `methods`: names, by default all of `METHODS`, or of a record of another input
+    than a step all fits. `plant`: the true plant, if known
     (a simulation); then J is the integral of the squared deviation from its response from the step
     to infinity, and RMSE and fit count the deviation from it at the times of the record.
     `all_rows`: as in `identify`.
@@ -141,10 +144,14 @@ def compare(
     refuse_tracers(record, "compare")
     if isinstance(methods, str):
         raise TypeError(f"methods must be a sequence of names, such as methods=[{methods!r}].")
-    names = list(METHODS) if methods is None else list(methods)
+    step = isinstance(record, StepRecord)
+    known = [name for name in METHODS if step or name in FITS]
+    names = known if methods is None else list(methods)
     for name in names:
         if name not in METHODS:
             raise KeyError(f"Unknown method {name!r}; known are {', '.join(METHODS)}.")
+        if name not in FITS:
+            refuse_other_input(record, name)
     if not names:
         raise ValueError(f"compare needs at least one method; known are {', '.join(METHODS)}.")
     record = record if all_rows else thinned(record)
@@ -154,7 +161,7 @@ def compare(
     return Comparison(record, tuple(rows))
 
 
-def _results(record: StepRecord, names: Sequence[str]) -> dict[str, Identification]:
+def _results(record: AbstractRecord, names: Sequence[str]) -> dict[str, Identification]:
     """Results by method: fits side by side, scans of the dead time and all others as one each."""
     chosen = [name for name in METHODS if name in names and name not in FITS]
     scans = tuple(name for name in chosen if name in SCANS)
@@ -186,7 +193,7 @@ def _row(name: str, result: Identification, plant: AbstractPlant | None) -> Row:
         record = result.record
         clean = eqx.tree_at(lambda r: r.y, record, predict(plant, record, record.t))
         measured = conclude(clean, result.model, result.status)
-        J = squared_deviation(result.model, plant, float(record.step_size))
+        J = squared_deviation(result.model, plant, float(record.input_size))
         if np.isinf(J):
             reason += " It settles at another level than the plant."
     return Row(
@@ -222,7 +229,7 @@ def check_kind(kind: str) -> None:
 _GROUP_NAMES = {"first": "first order", "second": "two poles", "nth": "nth order"}
 
 
-def _title(record: StepRecord, group: str, what: str) -> str:
+def _title(record: AbstractRecord, group: str, what: str) -> str:
     """Record, what is shown of it, and the group where it is not all."""
     text = f"{record.labels.source or 'Record'}: {what}"
     return text if group == "all" else f"{text} ({_GROUP_NAMES[group]})"
@@ -241,6 +248,6 @@ def tangent_ends(row: Row) -> list[tuple[float, float]]:
 def _on_record(row: Row, points: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """Times from the step and shares of the change, on the record's axes."""
     model, record = row.result.model, row.result.record
-    start, initial = float(record.step_time), float(model.offset)
-    change = float(model.gain) * float(record.step_size)
+    start, initial = float(record.start_time), float(model.offset)
+    change = float(model.gain) * float(record.input_size)
     return [(start + time, initial + height * change) for time, height in points]

@@ -22,6 +22,7 @@ from .methods import METHODS
 from .methods._fits import AUTO, CHAINS, WITH_REASON, FitOptions
 from .methods._method import option_names, prepared
 from .models._abstract import AbstractPlant
+from .records._abstract import AbstractRecord
 from .records._glitches import MOST, are_glitches, outliers, spikes
 from .records._preprocess import quantisation, window_of
 from .records._record import StepRecord, compact, padded_record, predict, with_weights
@@ -33,18 +34,20 @@ AUTO_OPTIONS = (*FitOptions.__annotations__, "orders")
 """Options of `identify(method="auto")`: those of every fit, and the orders that chains try."""
 
 
-def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identification:
-    """Model of a recorded step response.
+def identify(record: AbstractRecord, method: str = "auto", **options: Any) -> Identification:
+    """Model of a recorded step response, or of a record of any input.
 
     **Arguments:**
 
-    - `record`: a `StepRecord`, from arrays or from `read_record`.
+    - `record`: a `StepRecord`, from arrays or from `read_record`; or an `InputRecord`, to which all
+        methods can be applied that fit.
     - `method`: a name in `METHODS`, or "auto": all families of `AUTO` are fitted by least squares,
         chains in every order from 2 to 8, and the one with the smallest AICc is kept. A second
         order with a zero is tried too where the output first moves the wrong way or overshoots
         without oscillation, an integrator where it ends as a ramp; the former is kept if its AICc
         is better by more than 10, the latter also if it is as good as that of a model whose gain
-        would be extrapolated to more than twice what was seen. Where rows stand out as glitches
+        would be extrapolated to more than twice what was seen; to an `InputRecord` both are always
+        tried. Where rows stand out as glitches
         do, or the fit is poor, Huber's loss is tried and kept if it explains the other rows clearly
         better (`glitches` in `.details`), unless `loss` is given. `.method` is the one
         kept; `.details` holds `aicc_<method>` of each that was tried, and the signs in the record.
@@ -57,16 +60,16 @@ def identify(record: StepRecord, method: str = "auto", **options: Any) -> Identi
     A named method is clean under `jit`, `vmap` and `grad`; "auto" chooses between classes on the
     host and raises a `TypeError` when traced.
     """
-    if not isinstance(record, StepRecord):
+    if not isinstance(record, AbstractRecord):
         raise TypeError(
-            f"identify needs a StepRecord, got {type(record).__name__}: build one with"
-            " StepRecord(t, y, ...) or read_record(path)."
+            f"identify needs a StepRecord or an InputRecord, got {type(record).__name__}: build one"
+            " with StepRecord(t, y, ...), InputRecord(t, y, u) or read_record(path)."
         )
     return identify_filled(record, method, options, rung)
 
 
 def identify_filled(
-    record: StepRecord, method: str, options: dict[str, Any], length: Callable[[int], int]
+    record: AbstractRecord, method: str, options: dict[str, Any], length: Callable[[int], int]
 ) -> Identification:
     """`identify` for a ladder of lengths that records are filled up to."""
     if method != "auto" and method not in METHODS:
@@ -89,15 +92,15 @@ def identify_filled(
     return with_record(result, record)
 
 
-def check_length(record: StepRecord, options: dict[str, Any]) -> None:
+def check_length(record: AbstractRecord, options: dict[str, Any]) -> None:
     """A `ValueError` for a record that is too short to be smoothed; filled up it may not be."""
     if options.get("span") is not None:
         window_of(record.t.size, options["span"])
 
 
 def filled_record(
-    record: StepRecord, weights: Any = None, length: Callable[[int], int] = rung
-) -> StepRecord:
+    record: AbstractRecord, weights: Any = None, length: Callable[[int], int] = rung
+) -> Any:
     """A bare record filled up to a rung of a ladder of lengths; host code.
 
     One compilation serves all records of a rung. `weights` are those given to a fit.
@@ -105,7 +108,7 @@ def filled_record(
     return padded_record(with_weights(record.plain, weights), length(record.t.size))
 
 
-def refuse_tracers(record: StepRecord, what: str) -> None:
+def refuse_tracers(record: AbstractRecord, what: str) -> None:
     if is_traced(record):
         raise TypeError(
             f"{what} chooses between model classes on the host and cannot be traced: name one"
@@ -123,9 +126,13 @@ HALF_SEEN = 0.5
 
 
 def _identify_auto(
-    record: StepRecord, errors: bool = True, orders: tuple[int, ...] | None = None, **options: Any
+    record: AbstractRecord,
+    errors: bool = True,
+    orders: tuple[int, ...] | None = None,
+    **options: Any,
 ) -> Identification:
     """Of a filled record; the searches compile side by side."""
+    record = record.seeking(options.pop("at_rest", None), options.pop("drift", None))
     chains = {} if orders is None else {"orders": orders}
     asked = {name: options | chains if name in CHAINS else options for name in AUTO}
     fits, scores, seen = _search_all(record, asked)
@@ -141,7 +148,7 @@ def _identify_auto(
     chosen = _kept(record, fits[best], scores, best)
     result, residual = _concluded(fits[chosen], record, errors)
     result = dataclasses.replace(result, method=chosen)
-    if "loss" not in options:
+    if "loss" not in options and not fits[chosen].beside:
         poor = not float(result.fit_percent) > POOR_FIT
         if poor or spikes(_counted(fits[chosen], residual))[0].any():
             kept = _without_glitches(record, fits[chosen], residual, asked, poor)
@@ -156,7 +163,7 @@ def _identify_auto(
 
 
 def _search_all(
-    record: StepRecord, asked: dict[str, dict[str, Any]]
+    record: AbstractRecord, asked: dict[str, dict[str, Any]]
 ) -> tuple[dict[str, Fitted], dict[str, float], Signs]:
     """The fit of each family, its score, and the signs in the record."""
     names = sorted(AUTO, key=lambda name: name != "sani_fit")  # what takes longest begins
@@ -174,7 +181,7 @@ def _counted(fit: Fitted, rows: Any) -> np.ndarray:
 
 
 def _without_glitches(
-    record: StepRecord,
+    record: AbstractRecord,
     squares: Fitted,
     residual: Samples,
     asked: dict[str, dict[str, Any]],
@@ -193,7 +200,8 @@ def _without_glitches(
         _counted(squares, residual),
     )
     stand, by = spikes(y / unit)
-    if not stand.any():  # small ones on a slope stand out of a model alone
+    # small ones on a slope stand out of a model alone; and what answers to an input may stand out
+    if not stand.any() or not isinstance(record, StepRecord):
         stand, by = spikes(away)
     clean = np.array(safe.y)
     clean[np.flatnonzero(squares.problem.weights)[stand]] -= unit * by[stand]
@@ -224,7 +232,7 @@ def _without_glitches(
     return best, scores, fits[best], details
 
 
-def _kept(record: StepRecord, fit: Fitted, score: dict[str, float], best: str) -> str:
+def _kept(record: AbstractRecord, fit: Fitted, score: dict[str, float], best: str) -> str:
     """The method to keep, of which `best` is the best without a special reason, and `fit` its fit.
 
     What was tried for a reason must be clearly better. A ramp is the limit of settling models, none
@@ -242,7 +250,9 @@ def _kept(record: StepRecord, fit: Fitted, score: dict[str, float], best: str) -
     return best
 
 
-def _search(search: Callable[..., Fitted], record: StepRecord, options) -> tuple[Fitted, Scalar]:
+def _search(
+    search: Callable[..., Fitted], record: AbstractRecord, options
+) -> tuple[Fitted, Scalar]:
     """A fit and its score."""
     fitted = search(record, **options)
     return fitted, fitted.score
@@ -253,7 +263,7 @@ _searched, _searched_long = compiled(_search), compiled(_search, effort=1)
 
 
 @compiled
-def _robust(record: StepRecord, start: Fitted, options) -> tuple[Fitted, Samples]:
+def _robust(record: AbstractRecord, start: Fitted, options) -> tuple[Fitted, Samples]:
     """The fit with Huber's loss from that of a family by squares, and its residuals."""
     model, _ = start.problem.plant(start.x)
     options = {name: value for name, value in options.items() if name != "orders"}
@@ -263,21 +273,24 @@ def _robust(record: StepRecord, start: Fitted, options) -> tuple[Fitted, Samples
 
 
 @compiled
-def _concluded(fitted: Fitted, record: StepRecord, errors: bool) -> tuple[Identification, Samples]:
+def _concluded(
+    fitted: Fitted, record: AbstractRecord, errors: bool
+) -> tuple[Identification, Samples]:
     """The result, and the residuals over the range, which cost nothing here."""
     _, g = fitted.problem.plant(fitted.x)
     return concluded(fitted, record, errors), fitted.problem.errors(fitted.x, g)
 
 
 @compiled
-def _signs(record: StepRecord) -> Signs:
+def _signs(record: AbstractRecord) -> Signs:
     return signs(record)
 
 
 @compiled
 def _share_shown(fitted: Fitted) -> Scalar:
     """Share of its change that a settling model has gone in the last row of the record."""
-    return fitted.problem.plant(fitted.x)[1][fitted.problem.record.last]
+    model, g = fitted.problem.plant(fitted.x)
+    return fitted.problem.record.share_shown(model, g)
 
 
 def aicc_of(result: Identification, order_found: bool) -> float:
@@ -295,7 +308,7 @@ def aicc_of(result: Identification, order_found: bool) -> float:
 
 
 @compiled
-def _aicc(model: AbstractPlant, record: StepRecord, parameters: Count) -> Scalar:
+def _aicc(model: AbstractPlant, record: AbstractRecord, parameters: Count) -> Scalar:
     record = compact(record)
     residual = jnp.where(record.present, record.y - predict(model, record), 0)
     return aicc(jnp.sum(residual**2), record.count, parameters)

@@ -15,9 +15,9 @@ from ._identify import check_length, identify_filled
 from ._notes import notes_of
 from ._result import Identification
 from ._status import Status, refused, status_name
+from .records._abstract import AbstractRecord
 from .records._preprocess import check_span
 from .records._read import read_record
-from .records._record import StepRecord
 
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class Identifications(Sequence):
 
 
 def identify_each(
-    records: Iterable[StepRecord | str | PathLike],
+    records: Iterable[AbstractRecord | str | PathLike],
     method: str = "auto",
     progress: bool = False,
     **options: Any,
@@ -121,8 +121,10 @@ def identify_each(
     return Identifications(each_of(map(_source_and_reader, known), method, progress, options))
 
 
-def _source_and_reader(record: StepRecord | str | PathLike) -> tuple[str, Callable[[], StepRecord]]:
-    if isinstance(record, StepRecord):
+def _source_and_reader(
+    record: AbstractRecord | str | PathLike,
+) -> tuple[str, Callable[[], AbstractRecord]]:
+    if isinstance(record, AbstractRecord):
         return record.labels.source, lambda: record
     if not isinstance(record, str | PathLike):
         raise TypeError(f"identify_each takes records and paths, got {type(record).__name__}.")
@@ -130,7 +132,7 @@ def _source_and_reader(record: StepRecord | str | PathLike) -> tuple[str, Callab
 
 
 def each_of(
-    readers: Iterable[tuple[str, Callable[[], StepRecord]]],
+    readers: Iterable[tuple[str, Callable[[], AbstractRecord]]],
     method: str,
     progress: bool,
     options: dict[str, Any] | None = None,
@@ -153,7 +155,7 @@ def _outcomes(readers: Iterable[Any], method: str, options: dict[str, Any]) -> I
     readers = iter(readers)
     while some := list(islice(readers, TOGETHER)):
         records = [(source, _read(read, options)) for source, read in some]
-        sizes = [record.t.size for _, record in records if isinstance(record, StepRecord)]
+        sizes = [record.t.size for _, record in records if isinstance(record, AbstractRecord)]
         lengths = shared_lengths(sizes, met)
         met.update(lengths.values())
         for source, record in records:
@@ -177,7 +179,7 @@ def shared_lengths(sizes: Iterable[int], met: Iterable[int]) -> dict[int, int]:
     return {size: lengths[coarse_rung(size)] for size in sizes}
 
 
-def _read(read: Callable[[], StepRecord], options: dict[str, Any]) -> StepRecord | str:
+def _read(read: Callable[[], AbstractRecord], options: dict[str, Any]) -> AbstractRecord | str:
     """One record, or why it cannot be used."""
     try:
         record = read()
@@ -188,7 +190,7 @@ def _read(read: Callable[[], StepRecord], options: dict[str, Any]) -> StepRecord
 
 
 def _outcome(
-    source: str, record: StepRecord | str, method: str, options, length: Callable[[int], int]
+    source: str, record: AbstractRecord | str, method: str, options, length: Callable[[int], int]
 ) -> Outcome:
     """What becomes of one record."""
     if isinstance(record, str):

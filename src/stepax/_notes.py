@@ -85,8 +85,14 @@ def _about_the_step(
     if found is not None and int(found) > 1:
         asked = 1 if step is None else step if step > 0 else int(found) + 1 + step
         chosen = int(details.get("step_taken", asked))
-        choose = ": choose with --step" if step is None and chosen == 1 else ""
+        whole = "; --whole uses the whole log with its input"
+        choose = f": choose with --step{whole}" if step is None and chosen == 1 else whole
         yield f"{int(found)} steps in the input; this is step {chosen}{choose}."
+    if _holds(details, "whole_by_itself"):
+        yield (
+            "After no step of the input does the output come to rest: the whole log was used with"
+            " its input; --step takes one step."
+        )
     if _holds(details, "drift"):
         known = f"{units.output}/{units.time}" if units.output and units.time else ""
         slope = with_unit(details["drift"], known or "per unit of time")

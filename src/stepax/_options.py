@@ -14,7 +14,7 @@ from ._cli_picture import OPTIONS, picture_record
 
 
 if TYPE_CHECKING:
-    from .records._record import StepRecord
+    from .records._abstract import AbstractRecord
 
 EXAMPLES = {"heater": "heater.csv"}
 SIMULATED = "This record is simulated: it comes with stepax as an example and was not measured."
@@ -52,6 +52,18 @@ _READING: dict[str, Any] = {
     ],
     "begin": Annotated[str | None, typer.Option("--from", help="Leave out rows before this time.")],
     "end": Annotated[str | None, typer.Option("--to", help="Leave out rows after this time.")],
+    "whole": Annotated[
+        bool, typer.Option("--whole", help="Use the whole log with its input as it is.")
+    ],
+    "hold": Annotated[
+        str | None, typer.Option(help="With --whole: input between samples, zero or first.")
+    ],
+    "moving": Annotated[
+        bool, typer.Option("--moving", help="With --whole: not at rest at the first row.")
+    ],
+    "drift": Annotated[
+        bool, typer.Option("--drift", help="With --whole: find a linear drift, too.")
+    ],
     "dayfirst": Annotated[
         bool, typer.Option("--dayfirst", help="Dates have the day before the month.")
     ],
@@ -115,13 +127,13 @@ def _record_file(file: Path | None, example: str | None) -> Iterator[Path]:
         yield path
 
 
-def read(file: Path | None, example: str | None, reading: dict[str, Any]) -> "StepRecord":
+def read(file: Path | None, example: str | None, reading: dict[str, Any]) -> "AbstractRecord":
     """The record of a file or an example."""
     with _record_file(file, example) as path, waiting(f"Reading {path.name} ..."):
         return read_file(path, reading)
 
 
-def read_file(path: Path, reading: dict[str, Any]) -> "StepRecord":
+def read_file(path: Path, reading: dict[str, Any]) -> "AbstractRecord":
     """The record of a table or of a picture."""
     from .records.image._picture import SUFFIXES
 
@@ -138,7 +150,14 @@ def read_file(path: Path, reading: dict[str, Any]) -> "StepRecord":
         raise ValueError(f"{path.name} is no picture: --{option} is for pictures of a plot.")
     from .records._read import read_record
 
-    return read_record(path, **{name: reading[name] for name in _READING})
+    options = {name: reading[name] for name in _READING}
+    options["at_rest"] = not options.pop("moving")
+    asked = [name for name in ("hold", "moving", "drift") if reading[name]]
+    if asked and not reading["whole"]:
+        raise ValueError(f"--{asked[0]} is for the whole log: give --whole too.")
+    return read_record(
+        path, **options | {"whole": options["whole"] or None, "hold": options["hold"] or "zero"}
+    )
 
 
 def waiting(what: str):

@@ -15,8 +15,9 @@ from ._notes import notes_of
 from ._status import Status, refused, status_name
 from .models._abstract import AbstractPlant
 from .models._notation import number, transfer_function, transfer_function_text
+from .records._abstract import AbstractRecord
 from .records._labels import unit_of
-from .records._record import StepRecord, compact, predict, scaled
+from .records._record import compact, predict, scaled
 from .summary._intervals import LEVEL, interval
 from .summary._json import to_json
 from .summary._layout import as_html, as_text
@@ -35,6 +36,8 @@ DETAILS = {
     "step_told": "time or size of the step were given",
     "input_without_step": "the column left for the input has no step and is not used",
     "drift": "slope of the output before the step, where it still moves",
+    "whole": "the whole log is the record, with its input",
+    "whole_by_itself": "that was not asked for: after no step does the output come to rest",
     "begins_late": "time from the step to the first row, where that comes later",
     "rows_used": "how many rows of the file are the record",
     "rows_before_rest": "rows before the step that were left out, the plant not being at rest",
@@ -69,6 +72,8 @@ DETAILS = {
     "at_bound": "which parameters of `free` ended on a bound",
     "parameters": "how many were found from the record, a chosen order among them",
     "aicc": "Akaike's criterion, corrected",
+    "trend": "slope of a linear drift of the output, where one was sought",
+    "own_motion": "numbers of `model.own_motions` that a state other than rest makes",
     "noise_level": "noise that Huber's loss goes by, in output units",
     "degrees_of_freedom": "rows less parameters; of correlated residuals the rows that tell more",
     # of its standard errors
@@ -114,7 +119,7 @@ class Identification(eqx.Module):
     covariance: Array
     free: tuple[str, ...] = eqx.field(static=True)
     details: dict[str, Array]
-    record: StepRecord
+    record: AbstractRecord
     method: str = eqx.field(static=True, default="")
 
     def predict(self, t) -> Samples:
@@ -174,7 +179,7 @@ class Identification(eqx.Module):
 
 
 def conclude(
-    record: StepRecord,
+    record: AbstractRecord,
     model: AbstractPlant,
     status: Status,
     *,

@@ -15,8 +15,10 @@ from .._arrays import Count, Samples, Scalar, nan_where, safe_sqrt
 from .._result import Identification
 from .._status import Status, first_problem, refused
 from ..models._abstract import COMMON, ScalarParameter
+from ..records._abstract import AbstractRecord
 from ..records._preprocess import quantisation
-from ..records._record import StepRecord, predict
+from ..records._record import predict
+from ._beside import Beside
 from ._fitted import Fitted
 from ._problem import Problem
 from ._solver import derivatives
@@ -46,7 +48,7 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
     r"""The result of a fit with its standard errors and covariance.
 
     With $J$ the Jacobian of the prediction in the free parameters and $A = J^\top J$ (rows times
-    $\sqrt{w_i}$),
+    $\sqrt{w_i}$, and across what was eliminated beside the input),
 
     $$ \mathrm{cov} = \sigma^2 A^{-1} (J^\top R J) A^{-1}, \qquad
        \sigma^2 = \frac{\sum r_i^2}{N - \mathrm{tr}(A^{-1} J^\top R J)}, $$
@@ -63,8 +65,10 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
     gain, whose 95 % interval reaches 0, and for r if it covers half of its range or more. Unless
     it is the bound alone, the status is `not_identifiable`.
     """
-    problem, free, model = fitted.problem, fitted.problem.free_scalars, result.model
-    root, residual = _residual(fitted, model)
+    record = fitted.problem.record.with_found(result.details)
+    problem = dataclasses.replace(fitted.problem, record=record)
+    free, model = problem.free_scalars, result.model
+    root, residual = _residual(problem, model)
     phi = _autocorrelation(residual, problem.record.count, len(free))
     quantum = quantisation(problem.record.y, problem.record.count)
     details = result.details | {
@@ -103,7 +107,7 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
     )
 
 
-def with_record(result: Identification, record: StepRecord) -> Identification:
+def with_record(result: Identification, record: AbstractRecord) -> Identification:
     r"""A result with the record it was made from, whose names and details come along.
 
     **Axes.** A record from a picture says how certain its axes are (`scale_output`, `scale_time`,
@@ -113,7 +117,7 @@ def with_record(result: Identification, record: StepRecord) -> Identification:
     causes and the parameters' sensitivity $v$ to it, $s^2 v v^\top$ is added to the covariance.
     """
     details = result.details | record.details
-    result = dataclasses.replace(result, record=record, details=details)
+    result = dataclasses.replace(result, record=record.with_found(details), details=details)
     if "scale_time" not in record.details or not result.free:
         return result
     model = result.model
@@ -148,9 +152,8 @@ def _through_the_axes(model, scalar: ScalarParameter, details: dict[str, Array])
     return row
 
 
-def _residual(fitted: Fitted, model) -> tuple[Samples, Samples]:
+def _residual(problem: Problem, model) -> tuple[Samples, Samples]:
     """Roots of the weights, and the weighted residuals; with Huber's loss cut off and raised."""
-    problem = fitted.problem
     root = safe_sqrt(problem.weights)
     residual = root * (problem.record.y - predict(model, problem.record))
     if problem.threshold is not None:
@@ -175,7 +178,7 @@ def _prediction(problem: Problem, model, free: tuple[ScalarParameter, ...], numb
     plant = eqx.tree_at(lambda m: [getattr(m, name) for name in new], model, list(new.values()))
     final = problem.known_levels.final
     if final is not None:
-        offset = final - problem.record.step_size * plant.gain
+        offset = final - problem.record.input_size * plant.gain
         plant = eqx.tree_at(lambda m: m.offset, plant, offset)
     return predict(plant, problem.record)
 
@@ -230,6 +233,8 @@ def _covariance(problem, model, root, residual, phi, at_bound, values) -> _Covar
     frozen = absent | _frozen(in_a_row, values, at_bound)
     last = jnp.argsort(frozen)  # a column of zeros before others would take a row from them
     jacobian = derivatives(lambda *x: root * _prediction(problem, model, free, x), values)
+    beside = _beside(problem, model, root)
+    jacobian = jacobian - (jacobian @ beside.T) @ beside
     if problem.prior is not None:
         jacobian = jnp.concatenate([jacobian, _prior_rows(problem)], axis=1)
     jacobian = jnp.where(frozen[:, None], 0, jacobian)[last]
@@ -244,7 +249,7 @@ def _covariance(problem, model, root, residual, phi, at_bound, values) -> _Covar
     q = jnp.where(lost[None, :], 0, q)
     rows, known = q[: root.size], q[root.size :]
     coloured = _correlated(rows, phi)
-    effective = jnp.trace(coloured)
+    effective = jnp.trace(coloured) + jnp.trace(_correlated(beside.T, phi))
     coloured = coloured + known.T @ known
     freedom = jnp.maximum(jnp.sum(root > 0) - effective, 1)
     variance = jnp.sum(residual**2) / freedom
@@ -264,6 +269,14 @@ def _prior_rows(problem: Problem) -> Float[Array, "p priors"]:
     free = [scalar.name for scalar in problem.free_scalars]
     is_of = np.array([[name == own for own in prior.names] for name in free])
     return jnp.where(is_of, prior.noise * problem.range / prior.std, 0)
+
+
+def _beside(problem: Problem, model, root: Samples) -> Float[Array, "k samples"]:
+    """Orthonormal rows of what else was found: parameters are as certain as what lies across."""
+    columns = problem.record.beside(model)
+    if not columns:
+        return jnp.zeros((0, root.size), root.dtype)
+    return root[None] * Beside.of(columns, problem.weights).q
 
 
 def _frozen(in_a_row: np.ndarray, values: Array, at_bound: Array) -> Array:
@@ -306,7 +319,7 @@ def _by_name(problem: Problem, model, free, errors: Array) -> dict[str, Array]:
         row = std[scalar.name]
         std[scalar.name] = error if scalar.place is None else row.at[scalar.place].set(error)
     if problem.known_levels.final is not None:
-        std["offset"] = jnp.abs(problem.record.step_size) * std["gain"]
+        std["offset"] = jnp.abs(problem.record.input_size) * std["gain"]
     return std
 
 

@@ -15,7 +15,7 @@ from .._arrays import Count, Samples, Scalar, safe_sqrt, still
 from .._status import Status, first_problem, refused
 from ..models._abstract import COMMON, AbstractPlant
 from ..models._contour import accuracy
-from ..records._record import StepRecord
+from ..records._abstract import AbstractRecord
 from ._optimum import Optimum, implicit, optimum
 from ._prior import prior_of
 from ._problem import Problem, least_loss, problem_data
@@ -61,6 +61,11 @@ class Fitted(eqx.Module):
         return (threshold / HUBER if prior is None else prior.noise) * self.problem.range
 
     @property
+    def beside(self) -> bool:
+        """Whether more than a response and its levels was found."""
+        return bool(self.problem.record.beside(self.problem.model))
+
+    @property
     def score(self) -> Scalar:
         """AICc, infinite for a refusal."""
         return jnp.where(refused(self.status) | jnp.isnan(self.aicc), jnp.inf, self.aicc)
@@ -74,7 +79,7 @@ def aicc(square: Scalar, count: Array | int, parameters: Array | int) -> Scalar:
 
 
 def fit(
-    record: StepRecord,
+    record: AbstractRecord,
     start: AbstractPlant,
     fixed: Sequence[str] = (),
     *,
@@ -93,6 +98,9 @@ def fit(
         # the cost is flat to a root of eps around its least value: beyond, digits are noise
         solver = BoundedLevenbergMarquardt(rtol=eps**0.5)
         solver = eqx.tree_at(lambda s: s.atol, solver, atol)  # traced where rows are
+    beside = problem.record.beside(start)
+    if beside and (prior or loss != "squares"):
+        raise ValueError("A prior or a loss other than squares needs a plant at rest and no drift.")
     if prior or loss == "huber":
         numbers = [x.name for x in problem.free_scalars if x.place is None]
         rows = prior_of(prior, start, numbers, safe.y.dtype)
@@ -103,6 +111,8 @@ def fit(
         found = optimum(quiet, quiet.start(), solver, max_steps)
     converged = Status.where(found.converged, Status.successful, Status.not_converged)
     parameters = len(problem.free_scalars) - jnp.sum(problem.absent)
+    if beside:
+        parameters = parameters + jnp.sum(jnp.any(jnp.stack(beside) != 0, axis=1))
     problem = dataclasses.replace(problem, threshold=quiet.threshold)
     if quiet.prior is not None:
         problem = eqx.tree_at(lambda p: p.prior.noise, problem, quiet.prior.noise)
@@ -199,12 +209,12 @@ def _staged(
 
 
 def best_order(
-    record: StepRecord,
+    record: AbstractRecord,
     weights: Samples | None,
     orders: Sequence[int],
     start: AbstractPlant,
     next_start: Callable[[AbstractPlant, Array], AbstractPlant],
-    fit_from: Callable[[StepRecord, AbstractPlant], Fitted],
+    fit_from: Callable[[AbstractRecord, AbstractPlant], Fitted],
 ) -> Fitted:
     """Of the fits of several orders the smallest that AICc does not reject.
 

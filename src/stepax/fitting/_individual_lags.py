@@ -11,8 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..models._contour import chain_curvature
-from ..records._record import input_response
 from ._problem import Problem, least_loss
 
 
@@ -66,12 +64,11 @@ def curvature(problem: Problem, x: Array) -> Array:
     Where two lags meet, the slope in their difference vanishes and this tells the way.
     """
     plant: Any = problem.shape(x)
-    since = problem.record.elapsed - plant.delay
-    g = input_response(problem.record, plant)
+    g = problem.record.response(plant)
     slope = jax.grad(lambda g: jnp.sum(problem.residual(x, g) ** 2) / 2)(g)
     family: Any = problem.family
     unit = family.sum_at_start.astype(g.dtype)
-    block = chain_curvature(since, plant.lags, slope) * unit**2
+    block = problem.record.curvature(plant, slope) * unit**2
     size = plant.lags.size
     return jnp.zeros((x.size, x.size), block.dtype).at[:size, :size].set(block)
 

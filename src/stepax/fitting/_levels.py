@@ -5,14 +5,15 @@ import jax.numpy as jnp
 
 from .._arrays import Samples, Scalar
 from ..models._abstract import AbstractPlant
-from ..records._record import StepRecord
+from ..records._abstract import AbstractRecord
+from ._beside import Beside
 
 
 class Levels(eqx.Module):
     """What is known of the levels: each is None where it is to be found.
 
     `final` is the level that ties gain and offset together, neither being known by itself. `step`
-    is the size of the input's step: the amplitude is step times gain.
+    is the size of the input's step, or `input_size`: the amplitude is step times gain.
     """
 
     offset: Scalar | None
@@ -21,9 +22,9 @@ class Levels(eqx.Module):
     step: Scalar
 
     @classmethod
-    def of(cls, record: StepRecord, model: AbstractPlant, fixed: tuple[str, ...]) -> "Levels":
+    def of(cls, record: AbstractRecord, model: AbstractPlant, fixed: tuple[str, ...]) -> "Levels":
         """What a record and the parameters to hold say; an integrating plant has no final level."""
-        dtype, step = record.y.dtype, record.step_size
+        dtype, step = record.y.dtype, record.input_size
         final = record.final if model.settles else None
         offset = jnp.asarray(model.offset, dtype) if "offset" in fixed else record.initial
         gain = jnp.asarray(model.gain, dtype) if "gain" in fixed else None
@@ -47,8 +48,17 @@ class Levels(eqx.Module):
         offset = {"offset"} if self.offset is None and self.final is None else set()
         return offset | ({"gain"} if self.gain is None else set())
 
-    def regression(self, y: Samples, w: Samples, g: Samples) -> tuple[Scalar, Scalar]:
-        """Offset and amplitude of least squares for a response g, weights w."""
+    def regression(
+        self, y: Samples, w: Samples, g: Samples, beside: Beside | None = None
+    ) -> tuple[Scalar, Scalar]:
+        """Offset and amplitude of least squares for a response g, weights w.
+
+        With more `beside` the offset, a free one is part of that and 0 here.
+        """
+        if beside is not None:
+            known = 0 * y[0] if self.offset is None else self.offset
+            d, away = beside.across(g), beside.across(y - known)
+            return known, _slope(w, d, away) if self.gain is None else self.step * self.gain
         if self.offset is not None and self.gain is not None:
             return self.offset, self.step * self.gain
         if self.gain is not None:

@@ -1,5 +1,6 @@
 r"""The optimum of a problem, and its derivatives by the implicit function theorem."""
 
+import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -45,6 +46,7 @@ def optimum(problem: Problem, start: Array, solver, max_steps: int) -> Optimum:
     problem, start, solver = still((problem, start, solver))
     if start.size == 0:
         return Optimum(start, jnp.array(True), jnp.array(0))
+    problem = dataclasses.replace(problem, record=problem.record.for_search())
     ours = isinstance(solver, BoundedLevenbergMarquardt)
     search = _between_samples if ours and problem.kinked else _anywhere
     if ours and problem.second_start(start) is not None:

@@ -1,6 +1,6 @@
 """One least-squares problem: the data, what is known, and the coordinates of the rest."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -12,13 +12,9 @@ from .._arrays import Coordinates, Flag, Samples, Scalar, computed_once, safe_sq
 from .._status import Status
 from ..models._abstract import AbstractPlant, ScalarParameter
 from ..models._contour import accuracy
-from ..records._record import (
-    StepRecord,
-    input_response,
-    input_response_slopes,
-    usable_record,
-    with_weights,
-)
+from ..records._abstract import AbstractRecord
+from ..records._record import usable_record, with_weights
+from ._beside import Beside
 from ._families import AbstractFamily, family_of
 from ._levels import Levels
 from ._prior import Prior
@@ -48,7 +44,7 @@ class Problem(eqx.Module):
     rows to the residuals, which makes gain and offset coordinates too: it comes with a threshold.
     """
 
-    record: StepRecord
+    record: AbstractRecord
     model: AbstractPlant
     weights: Samples
     fixed: tuple[str, ...] = eqx.field(static=True)
@@ -85,7 +81,7 @@ class Problem(eqx.Module):
     @property
     def kinked(self) -> bool:
         """Whether the cost has a kink wherever the dead time meets a sample."""
-        return self.family.kinked and self.free_delay
+        return self.family.kinked and self.free_delay and self.record.kinked
 
     @property
     def own_free(self) -> np.ndarray:
@@ -138,7 +134,7 @@ class Problem(eqx.Module):
         lower, upper = self.bounds()
         x = jnp.clip(x.astype(lower.dtype), lower[: x.size], upper[: x.size])
         if self.threshold is not None:
-            g = input_response(self.record, self.shape(x))
+            g = self.record.response(self.shape(x))
             offset, amplitude = levels.regression(self.record.y, self.weights, g)
             values = [offset - self.record.y[0], amplitude * self._size_of_response()]
             free = [levels.offset is None and levels.final is None, levels.gain is None]
@@ -191,7 +187,7 @@ class Problem(eqx.Module):
         """Offset and amplitude (step size times gain) at coordinates, whose response is g."""
         known = self.known_levels
         if self.threshold is None or known.free == 0:
-            return known.regression(self.record.y, self.weights, g)
+            return known.regression(self.record.y, self.weights, g, self.beside(x))
         first, last = x[self.delay_place + self.free_delay], x[-1]
         amplitude = last * self.range / self._size_of_response()
         if known.final is not None:
@@ -200,17 +196,31 @@ class Problem(eqx.Module):
         offset = self.record.y[0] + first * self.range if offset is None else offset
         return offset, amplitude if known.gain is None else known.step * known.gain
 
+    def beside(self, x: Coordinates) -> Beside | None:
+        """What moves the output beside the input, and the offset where it is to be found.
+
+        None where there is nothing but the offset.
+        """
+        columns = self.record.beside(self.shape(x))
+        if not columns:
+            return None
+        known = self.known_levels
+        ones = [jnp.ones_like(self.record.y)] if known.offset is None else []
+        return Beside.of(ones + columns, self.weights)
+
     # results
 
     def errors(self, x: Coordinates, g: Samples | None = None) -> Samples:
         """Weighted residuals over the range of the output; g is the response where it is known."""
-        g = input_response(self.record, self.shape(x)) if g is None else g
+        g = self.record.response(self.shape(x)) if g is None else g
         offset, amplitude = self.levels(x, g)
-        return safe_sqrt(self.weights) * (self.record.y - offset - amplitude * g) / self.range
+        rest, beside = self.record.y - offset - amplitude * g, self.beside(x)
+        rest = rest if beside is None else beside.across(rest)
+        return safe_sqrt(self.weights) * rest / self.range
 
     def residual(self, x: Coordinates, g: Samples | None = None) -> Array:
         """What is minimised, a row a sample and one a prior: the sum of its squares is the loss."""
-        g = input_response(self.record, self.shape(x)) if g is None else g
+        g = self.record.response(self.shape(x)) if g is None else g
         error = self.errors(x, g)
         error = error if self.threshold is None else huber_residual(error, self.threshold)
         if self.prior is None:
@@ -230,12 +240,12 @@ class Problem(eqx.Module):
         scaling = [k for k, i in enumerate(own) if self.family.scaling[i]]
         others = [k for k in range(own.size) if k not in scaling]
         plant, changes = self.shape(x), [self._change(k, x) for k in others]
-        g, *moves = input_response_slopes(self.record, plant, changes)
+        g, *moves = self.record.response_slopes(plant, changes)
         g, by_delay, by_unit, *moved = computed_once(g, *jax.tree.leaves(moves))
         moves = dict(zip(others, moved, strict=True)) | dict.fromkeys(scaling, by_unit)
         if self.free_delay:
             moves[self.delay_place] = self.record.duration * by_delay
-        if self.threshold is None:
+        if self.threshold is None and not self.record.beside(plant):
             offset, amplitude = self.levels(x, g)
             residual = self.record.y - offset - amplitude * g
             rows = [moves[k] for k in range(x.size)]
@@ -258,15 +268,28 @@ class Problem(eqx.Module):
     def plant(self, x: Coordinates) -> tuple[AbstractPlant, Samples]:
         """The whole model at coordinates, what is known exactly as given; and its response g."""
         shape = self.shape(x, exact=True)
-        g = input_response(self.record, shape)
+        g = self.record.response(shape)
         return self._scaled(shape, x, g), g
 
     def _scaled(self, shape: AbstractPlant, x: Coordinates, g: Samples) -> AbstractPlant:
         """A plant of gain 1 and offset 0 with its levels."""
         offset, amplitude = self.levels(x, g)
         gain = self.known_levels.gain
-        gain = amplitude / self.record.step_size if gain is None else gain
+        gain = amplitude / self.record.input_size if gain is None else gain
+        beside = self.beside(x)
+        if beside is not None and self.known_levels.offset is None:
+            offset = beside.numbers(self.record.y - amplitude * g)[0]
         return eqx.tree_at(lambda m: (m.gain, m.offset), shape, (gain, offset))
+
+    def found_beside(self, x: Coordinates, model: AbstractPlant, g: Samples) -> dict[str, Array]:
+        """Details of a model found at x: slope of a drift, numbers of the plant's own motion."""
+        beside = self.beside(x)
+        if beside is None:
+            return {}
+        amplitude = self.record.input_size * model.gain
+        found = beside.numbers(self.record.y - amplitude * g)
+        found = found[1:] if self.known_levels.offset is None else found
+        return self.record.names_beside(found)
 
     # bounds
 
@@ -292,12 +315,12 @@ class Problem(eqx.Module):
         picked = [row[s.place or 0] for row, s in zip(rows, self.free_scalars, strict=True)]
         return jnp.stack(picked) if picked else jnp.zeros(0, bool)
 
-    def settled_status(self, g: Samples) -> Status:
+    def settled_status(self, model: AbstractPlant, g: Samples) -> Status:
         """A warning where a gain to be found is extrapolated."""
         known = self.known_levels
         if known.gain is not None or known.final is not None:
             return Status.successful
-        settled = self.model.has_settled(g[self.record.last])
+        settled = self.model.has_settled(self.record.share_shown(model, g))
         return Status.where(settled, Status.successful, Status.not_settled)
 
     def bound_status(self, x: Array) -> Status:
@@ -310,7 +333,7 @@ class Problem(eqx.Module):
         return status
 
 
-def problem_data(record: StepRecord, weights) -> tuple[Status, StepRecord, Samples]:
+def problem_data(record: AbstractRecord, weights) -> tuple[Status, Any, Samples]:
     """Status of a record, the compact rows to fit, and their weights, 1 at most.
 
     `weights` are those given to a fit, in the place of the record's own.
@@ -321,7 +344,7 @@ def problem_data(record: StepRecord, weights) -> tuple[Status, StepRecord, Sampl
     return status, safe, safe.weights / jnp.max(safe.weights)
 
 
-def least_loss(dtype, record: StepRecord) -> Scalar | float:
+def least_loss(dtype, record: AbstractRecord) -> Scalar | float:
     """Sum of squares, in units of the range, that the accuracy of the responses allows."""
     return accuracy(dtype) ** 2 * record.count
 

@@ -14,7 +14,7 @@ from .._result import Identification, conclude
 from .._status import first_problem, refused
 from ..models._abstract import AbstractPlant
 from ..models._spread import DEFAULT_ORDERS, check_orders
-from ..records._record import StepRecord
+from ..records._abstract import AbstractRecord
 from ._certainty import with_errors, with_record
 from ._families import family_of
 from ._fitted import LOSSES, MAX_STEPS, Fitted, best_order, fit, with_derivatives
@@ -22,7 +22,7 @@ from ._fitted import LOSSES, MAX_STEPS, Fitted, best_order, fit, with_derivative
 
 @eqx.filter_jit
 def refine(
-    record: StepRecord,
+    record: AbstractRecord,
     model: AbstractPlant,
     fixed: Sequence[str] = (),
     *,
@@ -34,6 +34,8 @@ def refine(
     solver: optx.AbstractLeastSquaresSolver | None = None,
     max_steps: int = MAX_STEPS,
     errors: bool = True,
+    at_rest: bool | None = None,
+    drift: bool | None = None,
 ) -> Identification:
     r"""Model that minimises the squared error, found from `model`.
 
@@ -60,15 +62,19 @@ def refine(
     noise level $\sigma$ of the fit without it; standard errors and AICc know it. A gain that the
     record ends too early to tell needs one. `solver`: any optimistix least-squares solver; only the
     default one keeps bounds. `errors=False` leaves standard errors NaN, which is faster.
+    `at_rest`, `drift`: of an `InputRecord`; False, the plant's state at the first row is found too
+    (`own_motion` in `.details`: what it adds is that, times `model.own_motions`), True, a linear
+    drift (`trend`, a slope); None as the record has them.
 
     **Returns:** `Identification`; see `with_errors` for the standard errors. Derivatives with
     respect to the record and to what is fixed come from the implicit function theorem; those of a
     lane that did not converge are NaN. `.details`: see `DETAILS`.
     """
     check_options(model, fixed, order, loss)
+    record = record.seeking(at_rest, drift)
 
-    def search(record: StepRecord, model: AbstractPlant, weights, prior, solver) -> Fitted:
-        def fitted(record: StepRecord, start: AbstractPlant) -> Fitted:
+    def search(record: AbstractRecord, model: AbstractPlant, weights, prior, solver) -> Fitted:
+        def fitted(record: AbstractRecord, start: AbstractPlant) -> Fitted:
             return fit(
                 record,
                 start,
@@ -97,25 +103,26 @@ def with_order(plant: AbstractPlant, n: Array) -> AbstractPlant:
 
 
 def concluded_in_groups(
-    search: Callable[..., Fitted], record: StepRecord, errors: bool, *more: Any
+    search: Callable[..., Fitted], record: AbstractRecord, errors: bool, *more: Any
 ) -> Identification:
     """The result of `search(record, *more)`, a batch of them group by group."""
 
-    def without_record(record: StepRecord, *more: Any) -> Identification:
+    def without_record(record: AbstractRecord, *more: Any) -> Identification:
         """Not to copy the record."""
         return eqx.tree_at(of, concluded(search(record, *more), record, errors), None)
 
     of = lambda result: result.record  # noqa: E731
     result = in_groups(without_record)(record, *more)
+    record = record.with_found(result.details)
     return eqx.tree_at(of, result, record, is_leaf=lambda x: x is None)
 
 
-def concluded(fitted: Fitted, record: StepRecord, errors: bool = True) -> Identification:
+def concluded(fitted: Fitted, record: AbstractRecord, errors: bool = True) -> Identification:
     """The result of a fit; `record` is the one it was made from, names and details included."""
     fitted = with_derivatives(fitted)
     problem, x = fitted.problem, fitted.x
     model, g = problem.plant(x)
-    status = first_problem(fitted.status, problem.settled_status(g), problem.bound_status(x))
+    status = first_problem(fitted.status, problem.settled_status(model, g), problem.bound_status(x))
     details = {
         "steps": fitted.steps,
         "at_bound": problem.at_bound(x),
@@ -123,10 +130,12 @@ def concluded(fitted: Fitted, record: StepRecord, errors: bool = True) -> Identi
         # That of a refused record would be of what stands in for it.
         "aicc": jnp.where(refused(status), jnp.nan, fitted.aicc),
     }
+    details |= problem.found_beside(x, model, g)
     if problem.threshold is not None:
         details["noise_level"] = fitted.noise_level
     free = tuple(scalar.label for scalar in problem.free_scalars)
-    result = conclude(problem.record, model, status, response=g, free=free, details=details)
+    found = problem.record.with_found(details)
+    result = conclude(found, model, status, response=g, free=free, details=details)
     if errors:
         result = with_errors(fitted, result)
     return with_record(result, record)

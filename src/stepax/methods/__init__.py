@@ -114,13 +114,13 @@ _ROWS: dict[Callable[..., Identification], Method] = {
     ipdt_fit: Method(IPDT, "second"),
 }
 
+FITS = frozenset(method.__name__ for method in _ROWS if method.__module__ == fopdt_fit.__module__)
+"""Methods that minimise the squared error; all others read points, tangents or areas of a step."""
+
 METHODS: dict[str, Callable[..., Identification]] = {
-    method.__name__: compiled_method(method) for method in _ROWS
+    method.__name__: compiled_method(method, method.__name__ not in FITS) for method in _ROWS
 }
 """Every method by its name, compiled; an option that is a Python or NumPy number is static."""
-
-FITS = frozenset(method.__name__ for method in _ROWS if method.__module__ == fopdt_fit.__module__)
-"""Methods that minimise the squared error; all others read points, tangents or areas."""
 
 SCANS = frozenset(method.__name__ for method in _ROWS if method.__module__ == rdkam.__module__)
 """Methods that scan the dead time; they share one scan."""

@@ -20,7 +20,8 @@ from ..fitting._refine import check_options, concluded_in_groups, with_order
 from ..models._abstract import AbstractPlant
 from ..models._plants import Hudzovic, PTn, Sani
 from ..models._spread import DEFAULT_ORDERS, check_orders
-from ..records._record import StepRecord, with_weights
+from ..records._abstract import AbstractRecord
+from ..records._record import with_weights
 from ._starts import (
     chain_start,
     first_order_start,
@@ -44,6 +45,8 @@ class FitOptions(TypedDict, total=False):
     solver: optx.AbstractLeastSquaresSolver | None
     max_steps: int
     errors: bool
+    at_rest: bool | None
+    drift: bool | None
 
 
 class OrderOptions(FitOptions, total=False):
@@ -53,7 +56,7 @@ class OrderOptions(FitOptions, total=False):
     orders: Iterable[int]
 
 
-def fopdt_fit(record: StepRecord, **options: Unpack[FitOptions]) -> Identification:
+def fopdt_fit(record: AbstractRecord, **options: Unpack[FitOptions]) -> Identification:
     r"""First order plus dead time by least squares: K, T, L and the offset.
 
     Starts from the two-point method of Smith (1972) and refines; `fixed` (their values are those
@@ -63,12 +66,12 @@ def fopdt_fit(record: StepRecord, **options: Unpack[FitOptions]) -> Identificati
     return _concluded(search_fopdt, record, options)
 
 
-def search_fopdt(record: StepRecord, **options: Any) -> Fitted:
+def search_fopdt(record: AbstractRecord, **options: Any) -> Fitted:
     """`fopdt_fit` without its conclusion."""
     return _checked_fit(record, first_order_start(record, options.get("fixed", ())), options)
 
 
-def sopdt_fit(record: StepRecord, **options: Unpack[FitOptions]) -> Identification:
+def sopdt_fit(record: AbstractRecord, **options: Unpack[FitOptions]) -> Identification:
     r"""Second order plus dead time by least squares: K, zeta, omega_n, L and the offset.
 
     One smooth model from oscillation to two real lags. The start has the damping that the largest
@@ -78,12 +81,12 @@ def sopdt_fit(record: StepRecord, **options: Unpack[FitOptions]) -> Identificati
     return _concluded(search_sopdt, record, options)
 
 
-def search_sopdt(record: StepRecord, **options: Any) -> Fitted:
+def search_sopdt(record: AbstractRecord, **options: Any) -> Fitted:
     """`sopdt_fit` without its conclusion."""
     return _checked_fit(record, second_order_start(record, options.get("fixed", ())), options)
 
 
-def hudzovic_fit(record: StepRecord, **options: Unpack[OrderOptions]) -> Identification:
+def hudzovic_fit(record: AbstractRecord, **options: Unpack[OrderOptions]) -> Identification:
     r"""Hudzovic's model by least squares (Murray 2016, section 2.4): T, r, and K, L, offset.
 
     The paper frees T and r only: `fixed=("delay",)` with known levels. **Options:** `order`, or
@@ -94,12 +97,12 @@ def hudzovic_fit(record: StepRecord, **options: Unpack[OrderOptions]) -> Identif
     return _concluded(search_hudzovic, record, options)
 
 
-def search_hudzovic(record: StepRecord, **options: Any) -> Fitted:
+def search_hudzovic(record: AbstractRecord, **options: Any) -> Fitted:
     """`hudzovic_fit` without its conclusion."""
     return _chain_fit(functools.partial(chain_start, Hudzovic), with_order, record, options)
 
 
-def sani_fit(record: StepRecord, **options: Unpack[OrderOptions]) -> Identification:
+def sani_fit(record: AbstractRecord, **options: Unpack[OrderOptions]) -> Identification:
     r"""Sani's model by least squares (Murray 2016, section 2.4): T, r, and K, L, offset.
 
     Options and status as in `hudzovic_fit`.
@@ -107,12 +110,12 @@ def sani_fit(record: StepRecord, **options: Unpack[OrderOptions]) -> Identificat
     return _concluded(search_sani, record, options)
 
 
-def search_sani(record: StepRecord, **options: Any) -> Fitted:
+def search_sani(record: AbstractRecord, **options: Any) -> Fitted:
     """`sani_fit` without its conclusion."""
     return _chain_fit(functools.partial(chain_start, Sani), with_order, record, options)
 
 
-def ptn_fit(record: StepRecord, **options: Unpack[OrderOptions]) -> Identification:
+def ptn_fit(record: AbstractRecord, **options: Unpack[OrderOptions]) -> Identification:
     r"""Individual time constants by least squares (Murray 2016, `ptn_fit`): lags, K, L, offset.
 
     As many lags as `order`, largest first. "auto" fits each number in `orders` and keeps the
@@ -124,7 +127,7 @@ def ptn_fit(record: StepRecord, **options: Unpack[OrderOptions]) -> Identificati
     return _concluded(search_ptn, record, options)
 
 
-def search_ptn(record: StepRecord, **options: Any) -> Fitted:
+def search_ptn(record: AbstractRecord, **options: Any) -> Fitted:
     """`ptn_fit` without its conclusion."""
     order, orders = options.get("order", "auto"), tuple(options.get("orders", INDIVIDUAL_ORDERS))
 
@@ -136,7 +139,7 @@ def search_ptn(record: StepRecord, **options: Any) -> Fitted:
     return _chain_fit(start, None, record, options | {"orders": orders})
 
 
-def sopdt_zero_fit(record: StepRecord, **options: Unpack[FitOptions]) -> Identification:
+def sopdt_zero_fit(record: AbstractRecord, **options: Unpack[FitOptions]) -> Identification:
     r"""Second order with one zero by least squares: K, zeta, omega_n, lead, L and the offset.
 
     For an inverse response (lead < 0) or an overshoot that does not come back as oscillation (lead
@@ -148,12 +151,12 @@ def sopdt_zero_fit(record: StepRecord, **options: Unpack[FitOptions]) -> Identif
     return _concluded(search_sopdt_zero, record, options)
 
 
-def search_sopdt_zero(record: StepRecord, **options: Any) -> Fitted:
+def search_sopdt_zero(record: AbstractRecord, **options: Any) -> Fitted:
     """`sopdt_zero_fit` without its conclusion."""
     return _checked_fit(record, zero_start(record, options.get("fixed", ())), options)
 
 
-def ipdt_fit(record: StepRecord, **options: Unpack[FitOptions]) -> Identification:
+def ipdt_fit(record: AbstractRecord, **options: Unpack[FitOptions]) -> Identification:
     r"""Integrating with one lag plus dead time by least squares: K, T, L and the offset.
 
     For a record that ends as a ramp; K is the slope of the output per unit of input. A known final
@@ -165,7 +168,7 @@ def ipdt_fit(record: StepRecord, **options: Unpack[FitOptions]) -> Identificatio
     return _concluded(search_ipdt, record, options)
 
 
-def search_ipdt(record: StepRecord, **options: Any) -> Fitted:
+def search_ipdt(record: AbstractRecord, **options: Any) -> Fitted:
     """`ipdt_fit` without its conclusion."""
     return _checked_fit(record, integrating_start(record, options.get("fixed", ())), options)
 
@@ -185,13 +188,14 @@ WITH_REASON = {"sopdt_zero_fit": search_sopdt_zero, "ipdt_fit": search_ipdt}
 """Families that it tries only where the record gives a reason."""
 
 
-def _concluded(search: Callable[..., Fitted], record: StepRecord, options) -> Identification:
+def _concluded(search: Callable[..., Fitted], record: AbstractRecord, options) -> Identification:
     """The result of a search; standard errors unless `errors` is off.
 
     Weights given to the fit are the record's from here on: a start leaves out the same rows.
     """
     options = dict(options)
     errors, weights = options.pop("errors", True), options.pop("weights", None)
+    record = record.seeking(options.pop("at_rest", None), options.pop("drift", None))
     return concluded_in_groups(
         lambda record, weights, options: search(with_weights(record, weights), **options),
         record,
@@ -201,7 +205,7 @@ def _concluded(search: Callable[..., Fitted], record: StepRecord, options) -> Id
     )
 
 
-def _checked_fit(record: StepRecord, start: AbstractPlant, options: dict[str, Any]) -> Fitted:
+def _checked_fit(record: AbstractRecord, start: AbstractPlant, options: dict[str, Any]) -> Fitted:
     check_options(start, options.get("fixed", ()), None, options.get("loss", "squares"))
     return fit(record, start, **options)
 
@@ -209,7 +213,7 @@ def _checked_fit(record: StepRecord, start: AbstractPlant, options: dict[str, An
 def _chain_fit(
     start: Callable[..., AbstractPlant],
     next_start: Callable[..., AbstractPlant] | None,
-    record: StepRecord,
+    record: AbstractRecord,
     options: dict[str, Any],
 ) -> Fitted:
     """The fit from `start(record, n, fixed)` for one order n or the best of several.

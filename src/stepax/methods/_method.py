@@ -15,7 +15,8 @@ from .._compilation import compiled
 from .._result import Identification
 from ..fitting._prior import checked_pairs
 from ..models._abstract import AbstractPlant
-from ..records._record import StepRecord
+from ..records._abstract import AbstractRecord
+from ..records._input import refuse_other_input
 from ._reading import time_name
 
 
@@ -57,7 +58,9 @@ TRACED = (*NUMBERS, "weights", "prior")
 """Options that may hold arrays."""
 
 
-def compiled_method(method: Callable[..., Identification]) -> Callable[..., Identification]:
+def compiled_method(
+    method: Callable[..., Identification], needs_step: bool
+) -> Callable[..., Identification]:
     """`method`, compiled: `delay` is traced, in the record's dtype; other numbers are static.
 
     An option that the method does not have is a `ValueError`.
@@ -65,7 +68,9 @@ def compiled_method(method: Callable[..., Identification]) -> Callable[..., Iden
     call, known = compiled(method), option_names(method)
 
     @functools.wraps(method)
-    def run(record: StepRecord, **options: Any) -> Identification:
+    def run(record: Any, **options: Any) -> Identification:
+        if needs_step:
+            refuse_other_input(record, method.__name__)
         result = call(record, **prepared(method.__name__, known, record, options))
         return dataclasses.replace(result, method=method.__name__)
 
@@ -73,7 +78,7 @@ def compiled_method(method: Callable[..., Identification]) -> Callable[..., Iden
 
 
 def prepared(
-    method: str, known: Sequence[str], record: StepRecord, options: dict[str, Any]
+    method: str, known: Sequence[str], record: AbstractRecord, options: dict[str, Any]
 ) -> dict[str, Any]:
     """Options as a compiled method takes them; a `ValueError` for one that it does not have."""
     for name in options:

@@ -8,7 +8,6 @@ a plant is asked of the plant, never decided by its class elsewhere.
 import abc
 import dataclasses
 import math
-import operator
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -22,46 +21,9 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Int, Shaped
 from .._arrays import Flag, Lags, Samples, Scalar, as_real
 from ._contour import Slopes, chain_derivatives, chain_response
 from ._export import control_transfer_function, scipy_transfer_function
-from ._responses import MAX_ORDER
-
-
-def as_order(n: Any) -> Any:
-    """Order of a chain: a Python int, which stays static, or an array of integers."""
-    if isinstance(n, np.integer):
-        n = operator.index(n)
-    if n is None:  # so that a model can hold `in_axes`
-        return n
-    whole = isinstance(n, int) and not isinstance(n, bool)
-    if isinstance(n, jax.Array | np.ndarray):
-        whole = jnp.issubdtype(n.dtype, jnp.integer)
-    if not whole:
-        raise TypeError(f"the order n of a chain must be a whole number, got {n!r}.")
-    if isinstance(n, int) and n < 1:
-        raise ValueError(f"the order n of a chain must be at least 1, got {n}.")
-    return n
-
-
-def as_real_order(n: Any) -> Any:
-    """Order of equal lags: a Python int stays static; anything else is a real array."""
-    if isinstance(n, int | np.integer):
-        return as_order(n)
-    if isinstance(n, jax.Array | np.ndarray) and jnp.issubdtype(n.dtype, jnp.integer):
-        return n
-    n = as_real(n)
-    if not isinstance(n, Tracer) and not np.all(np.asarray(n) > 0):
-        raise ValueError(f"the order n of equal lags must be positive, got {n}.")
-    return n
-
-
-def positions(n) -> tuple[int, Array]:
-    """Length of `.lags` and which of its places an order `n` uses."""
-    length = n if isinstance(n, int) else MAX_ORDER
-    return length, jnp.arange(length) < n
-
-
-def in_range(n) -> Any:
-    """Whether an order can be evaluated: any Python int, an array from 1 to `MAX_ORDER`."""
-    return True if isinstance(n, int) else (n >= 1) & (n <= MAX_ORDER)
+from ._orders import as_order
+from ._realisation import AbstractRealisation, ChainRealisation
+from ._respond import respond
 
 
 class ScalarParameter(NamedTuple):
@@ -157,6 +119,14 @@ class AbstractPlant(eqx.Module):
         return Slopes(self.unit_response(t), slope, moved)
 
     @abc.abstractmethod
+    def own_motions(self, t: Samples) -> list[Samples]:
+        """What the output can do without an input, from t = 0 on: a basis, of order one.
+
+        Any state at t = 0 moves the output by a sum of these, each times a number. A lag of 0 has
+        no state: its motion is 0. What an integrator holds is the offset, and left out.
+        """
+
+    @abc.abstractmethod
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s) for gain 1 and delay 0."""
 
@@ -207,6 +177,13 @@ class AbstractPlant(eqx.Module):
         """Dimension of a parameter, in terms of "time", "input" and "output"; "1" for none."""
         return self.__dataclass_fields__[name].metadata.get("dimension", "1")
 
+    def in_unit(self, unit: Scalar) -> Any:
+        """The same plant where `unit` of a new unit of time are one of the old; slopes with it."""
+        powers = {"time": 1, "per time": -1, "output/(input time)": -1}
+        power = {name: powers.get(self.dimension(name), 0) for name in self.parameter_names}
+        moved = {name: getattr(self, name) * unit**k for name, k in power.items() if k}
+        return dataclasses.replace(self, **moved)
+
     def _elapsed(self, t: ArrayLike) -> Array:
         """Time since the response begins."""
         return as_real(t) - self.delay
@@ -229,18 +206,32 @@ class AbstractPlant(eqx.Module):
         s = 1j * as_real(omega)
         return self.gain * jnp.exp(-s * self.delay) * self.unit_transfer_function(s)
 
-    def respond(self, t: Float[ArrayLike, " samples"], u: Float[ArrayLike, " samples"]) -> Samples:
-        r"""Response to a sampled input, held constant between samples (zero-order hold).
+    def respond(
+        self, t: Float[ArrayLike, "..."], u: Float[ArrayLike, "..."], hold: str = "zero"
+    ) -> Samples:
+        r"""Response to a sampled input, exact for what the input does between samples.
 
-        $y(t_i) = \text{offset} + \text{gain} \sum_k (u_k - u_{k-1})\, g(t_i - t_k - L)$, exact for
-        uneven times too. `u` is the deviation from the operating point, the plant is at rest
-        before `t[0]`. Time and memory grow with the square of the number of samples.
+        `hold="zero"`: it is constant from each sample to the next,
+        $y(t_i) = \text{offset} + \text{gain} \sum_k (u_k - u_{k-1})\, g(t_i - t_k - L)$;
+        `hold="first"`: it moves along the line between them, after a jump to the first. `t`
+        increases, evenly or not; `u` is the deviation from the operating point, and the plant is at
+        rest before `t[0]`. A jump is seen from the left: the output at its time is that before it.
+
+        Time and memory grow as the number N of samples (a real order of equal lags: N log N, at
+        uneven times N^2). A whole number of sampling intervals is as good a dead time as any other.
         """
-        t, u = as_real(t), as_real(u)
-        moves = jnp.diff(u, prepend=jnp.zeros_like(u[:1]))
-        return self.offset + self.gain * (
-            self.unit_response(t[:, None] - t[None, :] - self.delay) @ moves
-        )
+        return respond(self, t, u, hold)
+
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation | None:
+        """As a linear system with a state, sampled at intervals of at least `interval`.
+
+        None for a plant that has no finite state: it has a `unit_ramp`.
+        """
+        raise NotImplementedError
+
+    def unit_ramp(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        """Response to a ramp of slope 1, for gain 1 without offset and delay."""
+        raise NotImplementedError
 
     def __repr__(self) -> str:
         """The numbers of a concrete plant, to six digits; else the PyTree."""
@@ -314,6 +305,23 @@ class AbstractChain(AbstractPlant):
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), by contour quadrature."""
         return chain_response(t, self.lags)
+
+    def own_motions(self, t: Samples) -> list[Samples]:
+        r"""1 less the step responses of the largest lag, the two largest, and so on.
+
+        $1/s - G_k(s)/s$ has the poles of the first k lags and no other, so that these span all
+        motions, with equal lags too; and none is ever larger than 1.
+        """
+        lags = -jnp.sort(-self.lags)
+        motions = []
+        for k in range(1, lags.size + 1):
+            first = jnp.where(np.arange(lags.size) < k, lags, 0)
+            motions.append(jnp.where(lags[k - 1] > 0, 1 - chain_response(t, first), 0))
+        return motions
+
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation | None:
+        """One state for each lag."""
+        return ChainRealisation(self.lags, interval, even)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s), the product over the lags."""

@@ -18,11 +18,10 @@ from ._abstract import (
     AbstractSpreadChain,
     Factor,
     TimeScales,
-    as_real_order,
-    in_range,
-    positions,
 )
 from ._contour import Slopes, chain_response, chain_slopes
+from ._orders import as_real_order, in_range, positions
+from ._realisation import AbstractRealisation
 from ._responses import (
     equal_lag_response,
     equal_spacing_inflection,
@@ -193,6 +192,15 @@ class EqualLag(AbstractChain):
         rate = jnp.where(in_range(self.n), jnp.ones_like(self.T), jnp.nan)
         return equal_spacing_response(t / self.T, rate, jnp.zeros_like(self.T), self.n)
 
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation | None:
+        """One state for each lag; a real order has no finite number of them."""
+        return super().realise(interval, even) if self.is_whole else None
+
+    def unit_ramp(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
+        r"""$t\,P(n, t/T) - n T\,P(n+1, t/T)$, the integral of the response to a step."""
+        more = equal_lag_response(t, self.T, self.n + 1)
+        return t * self.unit_response(t) - self.n * self.T * more
+
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s), also for a fractional n."""
         return jnp.exp(-self.n * jnp.log1p(s * self.T))
@@ -241,6 +249,10 @@ class FOPDT(AbstractChain):
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), in closed form."""
         return first_order_response(t, self.T)
+
+    def own_motions(self, t: Samples) -> list[Samples]:
+        """1 - g."""
+        return [1 - self.unit_response(t)]
 
     def slopes(self, t: Samples, changes: Sequence[dict[str, Array]]) -> Slopes:
         """All from one exponential."""

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Shaped
@@ -18,7 +19,9 @@ from ._abstract import (
     TimeScales,
 )
 from ._contour import Slopes
+from ._realisation import AbstractRealisation, ChainRealisation, SecondOrderRealisation
 from ._responses import (
+    first_order_response,
     lagged_ramp_response,
     second_order_response,
     second_order_slopes,
@@ -45,6 +48,16 @@ class SOPDT(AbstractPlant):
         return second_order_slopes(
             t, self.zeta, self.omega_n, jnp.zeros_like(self.zeta), _second_order(self, changes)
         )
+
+    def own_motions(self, t: Samples) -> list[Samples]:
+        """1 - g, and the slope of g over omega_n."""
+        g, slope = jax.jvp(self.unit_response, (t,), (jnp.ones_like(t),))
+        return [1 - g, slope / self.omega_n]
+
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation:
+        """The output and its slope."""
+        del interval, even
+        return SecondOrderRealisation(self.zeta, self.omega_n, jnp.zeros_like(self.zeta))
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s)."""
@@ -111,6 +124,15 @@ class SOPDTZero(AbstractPlant):
             t, self.zeta, self.omega_n, self.lead, _second_order(self, changes)
         )
 
+    def own_motions(self, t: Samples) -> list[Samples]:
+        """As without the zero."""
+        return self._without_zero.own_motions(t)
+
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation:
+        """The output and its slope."""
+        del interval, even
+        return SecondOrderRealisation(self.zeta, self.omega_n, self.lead)
+
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s)."""
         return (1 + s * self.lead) * self._without_zero.unit_transfer_function(s)
@@ -168,6 +190,15 @@ class IPDT(AbstractPlant):
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), in closed form."""
         return lagged_ramp_response(t, self.T)
+
+    def own_motions(self, t: Samples) -> list[Samples]:
+        """That of the lag."""
+        one = jnp.where(self.T > 0, self.T, 1)
+        return [jnp.where(self.T > 0, 1 - first_order_response(t, one), 0)]
+
+    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation:
+        """The integral of the input, and the lag behind it."""
+        return ChainRealisation(self.lags, interval, even, integrators=1)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s); at 0, where a complex division would give NaN, its real part is infinite."""

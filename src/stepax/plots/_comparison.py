@@ -10,8 +10,9 @@ from matplotlib.figure import Figure
 
 from ..models._abstract import AbstractPlant
 from ..models._notation import number
+from ..records._abstract import AbstractRecord
 from ..records._labels import Units
-from ..records._record import StepRecord, rows_that_count
+from ..records._record import rows_that_count
 from ._model import EDGE, RECORD, Picture, draw_model, draw_record, finish, literal, response_panels
 
 
@@ -49,7 +50,7 @@ class Entry(NamedTuple):
 
 
 def plot_comparison(
-    record: StepRecord,
+    record: AbstractRecord,
     entries: Sequence[Entry],
     *,
     title: str,
@@ -71,7 +72,7 @@ def plot_comparison(
     figure = Picture(figsize=size or (11.0, height), dpi=150, layout="constrained")
     grid = figure.add_gridspec(1, 2, width_ratios=[1.75, 1])
     left, right = (figure.add_subfigure(place) for place in grid)
-    response, residuals = response_panels(left, record.labels)
+    response, residuals = response_panels(left, record)
     draw_record(response, record)
     for place, (entry, (color, dashes, mark)) in enumerate(drawn):
         look: dict[str, Any] = {"color": color, "linestyle": dashes, "zorder": 3 + 0.1 * place}
@@ -92,7 +93,7 @@ def plot_comparison(
 
 
 def plot_ranking(
-    record: StepRecord,
+    record: AbstractRecord,
     entries: Sequence[Entry],
     *,
     title: str,
@@ -114,12 +115,12 @@ def plot_ranking(
     return figure
 
 
-def _floor(record: StepRecord) -> float:
+def _floor(record: AbstractRecord) -> float:
     y = np.asarray(record.y)
     return float(y.min() - 0.3 * np.ptp(y))
 
 
-def _ceiling(record: StepRecord) -> float:
+def _ceiling(record: AbstractRecord) -> float:
     y = np.asarray(record.y)
     return float(y.max() + 0.3 * np.ptp(y))
 
@@ -141,7 +142,9 @@ def _draw_marks(axes: Axes, entry: Entry, color: str, mark: str) -> None:
 # Ranking
 
 
-def _draw_bars(axes: Axes, entries: Sequence[Entry], colors: list[str], record: StepRecord) -> None:
+def _draw_bars(
+    axes: Axes, entries: Sequence[Entry], colors: list[str], record: AbstractRecord
+) -> None:
     """Ranked J on a logarithmic axis, its value behind each bar."""
     values = np.array([entry.J for entry in entries])
     finite = values[np.isfinite(values)]

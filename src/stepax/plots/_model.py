@@ -4,6 +4,7 @@ Figures are built without pyplot: no window, no global state, no display needed.
 from the others in lightness or style, so that a print in grey can be read.
 """
 
+import dataclasses
 from typing import Any
 
 import jax.numpy as jnp
@@ -14,8 +15,10 @@ from matplotlib.figure import Figure
 from .._compilation import compiled, quick_compilation, rung
 from ..models._abstract import AbstractPlant
 from ..models._notation import number
+from ..records._abstract import AbstractRecord
+from ..records._input import InputRecord
 from ..records._labels import Labels, unit_of
-from ..records._record import StepRecord, predict, rows_that_count
+from ..records._record import StepRecord, padded_record, predict, rows_that_count
 
 
 RECORD, MODEL, EDGE, SHADE = "0.55", "#0b2a4a", "0.35", "0.90"
@@ -37,7 +40,7 @@ class Picture(Figure):
 
 
 def plot_model(
-    record: StepRecord,
+    record: AbstractRecord,
     model: AbstractPlant | None,
     *,
     title: str,
@@ -45,40 +48,59 @@ def plot_model(
 ) -> Figure:
     """Record and model above, residuals below, on one axis of time; `size` in inches.
 
-    Without a model, the record alone.
+    Between them the input, where it is no step. Without a model, the record alone.
     """
     record = rows_that_count(record)
     figure = Picture(figsize=size, dpi=150, layout="constrained")
-    response, residuals = response_panels(figure, record.labels)
+    response, residuals = response_panels(figure, record)
     draw_record(response, record)
     if model is not None:
         draw_model(response, residuals, model, record, color=MODEL, label="model")
-        _shade_delay(response, residuals, record, float(np.asarray(model.delay)))
+        if isinstance(record, StepRecord):
+            _shade_delay(response, residuals, record, float(np.asarray(model.delay)))
     response.set_title(literal(title), loc="left", fontsize=10)
     finish(response, residuals, record)
     figure.legend(loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 
-def response_panels(figure, labels: Labels) -> tuple[Axes, Axes]:
-    """Axes of the response and of the residuals in an empty figure, labelled."""
-    response, residuals = figure.subplots(2, 1, sharex=True, height_ratios=[2.8, 1])
+def response_panels(figure, record: AbstractRecord) -> tuple[Axes, Axes]:
+    """Axes of the response and of the residuals in an empty figure, labelled.
+
+    And below the response those of the input, drawn, where it is no step.
+    """
+    labels, sampled = record.labels, isinstance(record, InputRecord)
+    response, *between, residuals = figure.subplots(
+        3 if sampled else 2, 1, sharex=True, height_ratios=[2.8, *[0.9] * sampled, 1]
+    )
     response.set_ylabel(_label(labels.output, "output"))
+    if isinstance(record, InputRecord):
+        _draw_input(between[0], record)
     unit = unit_of(labels.output)
     residuals.set_ylabel(literal(f"residual\n({unit})" if unit else "residual"))
     residuals.set_xlabel(_label(labels.time, "time"))
-    figure.align_ylabels([response, residuals])
-    for axes in (response, residuals):
+    figure.align_ylabels([response, *between, residuals])
+    for axes in (response, *between, residuals):
         axes.tick_params(labelsize=9)
     return response, residuals
 
 
-def draw_record(axes: Axes, record: StepRecord) -> None:
-    """The record, grey."""
-    axes.plot(record.t, record.y, **_record_look(record), color=RECORD, label="record")
+def _draw_input(axes: Axes, record: InputRecord) -> None:
+    """The input as it is held between samples."""
+    held = "steps-post" if record.hold == "zero" else "default"
+    axes.plot(record.t, record.u, color=EDGE, linewidth=0.9, drawstyle=held)
+    axes.set_ylabel(_label(record.labels.input, "input"))
+    _quiet(axes)
 
 
-def _record_look(record: StepRecord) -> dict[str, Any]:
+def draw_record(axes: Axes, record: AbstractRecord) -> None:
+    """The record, grey; without rows of weight 0."""
+    y = np.asarray(record.y)
+    y = y if record.weights is None else np.where(np.asarray(record.weights) > 0, y, np.nan)
+    axes.plot(record.t, y, **_record_look(record), color=RECORD, label="record")
+
+
+def _record_look(record: AbstractRecord) -> dict[str, Any]:
     """Points for a short record, a thin line for a long one."""
     if record.t.size <= POINTS_UP_TO:
         return {"linestyle": "none", "marker": "o", "markersize": 3.2, "markeredgewidth": 0}
@@ -86,11 +108,11 @@ def _record_look(record: StepRecord) -> dict[str, Any]:
 
 
 def draw_model(
-    response: Axes, residuals: Axes, model, record: StepRecord, *, label: str, **look
+    response: Axes, residuals: Axes, model, record: AbstractRecord, *, label: str, **look
 ) -> None:
     """A model's line, with a kink where its dead time ends, and its residuals."""
     start, stop = float(record.t[0]), float(record.t[-1])
-    kink = float(record.step_time + model.delay)
+    kink = float(record.start_time + model.delay)
     grid = np.sort(np.append(np.linspace(start, stop, GRID), np.clip(kink, start, stop)))
     times = np.concatenate([record.t, grid]).astype(record.t.dtype)
     modelled = predicted(model, record, times)
@@ -104,17 +126,19 @@ def draw_model(
     residuals.plot(record.t, np.asarray(record.y) - at_rows, **look)
 
 
-def predicted(model: AbstractPlant, record: StepRecord, times: np.ndarray) -> np.ndarray:
+def predicted(model: AbstractPlant, record: AbstractRecord, times: np.ndarray) -> np.ndarray:
     """Output of a model at times, filled up to a rung: other lengths seldom compile anew."""
     filled = jnp.asarray(np.pad(times, (0, rung(times.size) - times.size), mode="edge"))
+    record = padded_record(
+        dataclasses.replace(record, labels=Labels(), details={}), rung(record.t.size)
+    )
     with quick_compilation():
-        return np.asarray(_predict(model, record.step_time, record.step_size, filled))[: times.size]
+        return np.asarray(_predict(model, record, filled))[: times.size]
 
 
 @compiled
-def _predict(model: AbstractPlant, step_time, step_size, times):
-    record = StepRecord(times, times, step_time, step_size)
-    return predict(model, record)
+def _predict(model: AbstractPlant, record: AbstractRecord, times):
+    return predict(model, record, times)
 
 
 def _shade_delay(response: Axes, residuals: Axes, record: StepRecord, delay: float) -> None:
@@ -127,17 +151,22 @@ def _shade_delay(response: Axes, residuals: Axes, record: StepRecord, delay: flo
         axes.axvspan(step_time, step_time + delay, color=SHADE, linewidth=0, zorder=0, label=name)
 
 
-def finish(response: Axes, residuals: Axes, record: StepRecord) -> None:
+def finish(response: Axes, residuals: Axes, record: AbstractRecord) -> None:
     """The step, the zero of the residuals, limits, and a quiet frame."""
     for axes, label in ((response, "step"), (residuals, None)):
-        axes.axvline(
-            float(record.step_time), color=EDGE, linewidth=0.9, linestyle=(0, (4, 3)), label=label
-        )
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.grid(color="0.92", linewidth=0.6)
-        axes.set_axisbelow(True)
+        if isinstance(record, StepRecord):
+            look: dict[str, Any] = {"linewidth": 0.9, "linestyle": (0, (4, 3)), "label": label}
+            axes.axvline(float(record.step_time), color=EDGE, **look)
+        _quiet(axes)
     residuals.axhline(0, color=EDGE, linewidth=0.8)
     residuals.margins(x=0.01)
+
+
+def _quiet(axes: Axes) -> None:
+    """A frame that does not distract."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(color="0.92", linewidth=0.6)
+    axes.set_axisbelow(True)
 
 
 def _label(name: str, role: str) -> str:

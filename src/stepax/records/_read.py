@@ -14,9 +14,10 @@ from jaxtyping import ArrayLike
 
 from ._cells import moment, time_label
 from ._columns import Roles, roles_of
+from ._input import InputRecord
 from ._labels import Labels
 from ._record import MIN_SAMPLES, StepRecord
-from ._rest import rest_before
+from ._rest import comes_to_rest, rest_before
 from ._rows import Rows, rows_between, rows_of
 from ._steps import choice, constant_level, find_steps, is_constant
 from ._table import Table, file_table, frame_table
@@ -40,8 +41,14 @@ def read_record(
     begin: SupportsFloat | str | None = None,
     end: SupportsFloat | str | None = None,
     dayfirst: bool = False,
-) -> StepRecord:
-    """One step response from a text table, an Excel or MAT file, a DataFrame or a Series.
+    whole: bool | None = None,
+    hold: str = "zero",
+    at_rest: bool = True,
+    drift: bool = False,
+) -> Any:
+    """A record from a text table, an Excel or MAT file, a DataFrame or a Series: one step response.
+
+    Or the whole log with its input.
 
     **Arguments:**
 
@@ -58,12 +65,16 @@ def read_record(
     - `begin`, `end`: leave out rows before and after these times. They and `step_time` are numbers,
         or, of a file with time stamps, stamps.
     - `dayfirst`: 1.2.2024 is in February; else only where nothing else gives rising times.
+    - `whole`: True: an `InputRecord` of all rows with the input as it is. None: that too where the
+        input has several steps, and no one is followed by enough rows for the output to come to
+        rest; else, and for False, a `StepRecord`. `hold`, `at_rest`, `drift`: of such a record.
 
-    **Returns:** the rows up to the one before the next step. Before the first step those in which
-    the output is at rest count; before a later one, of these the last 5 % since the step before.
-    Rows without a value are left out, at most a tenth, and rows with one time stamp are averaged.
-    An input that is constant and not 0 is a step from 0 at its first row. A step before the first
-    row is no mistake. `details` tells what was done (`assumed_step`, `rows_used`, ...: `DETAILS`).
+    **Returns:** a `StepRecord`, or an `InputRecord` with `whole`. Of a step the rows up to the one
+    before the next step; before the first step those in which the output is at rest count, before a
+    later one, of these the last 5 % since the step before. Rows without a value are left out, at
+    most a tenth, and rows with one time stamp are averaged. An input that is constant and not 0 is
+    a step from 0 at its first row. A step before the first row is no mistake. `details` tells what
+    was done (`assumed_step`, `rows_used`, ...: `DETAILS`).
 
     **Raises:** `OSError`, `KeyError`, `TypeError`, `ValueError` or `ImportError`, in one sentence.
     """
@@ -79,9 +90,52 @@ def read_record(
         for value, name in ((begin, "begin"), (end, "end"))
     )
     rows = rows_between(rows, first, last, table.source)
+    asked = [step, step_time, step_size, initial, final]
+    if _is_whole(table, roles, rows, whole, any(x is not None for x in asked)):
+        wishes = {"hold": hold, "at_rest": at_rest, "drift": drift}
+        return _whole_record(table, roles, rows, not whole, wishes)
     at = None if step_time is None else moment(step_time, rows.times, "step_time", dayfirst)
     rows, move = _with_step(table, roles, rows, step, at, step_size)
     return _record(table, roles, rows, move, {"initial": initial, "final": final})
+
+
+def _is_whole(
+    table: Table, roles: Roles, rows: Rows, whole: bool | None, asked_for_step: bool
+) -> bool:
+    """Whether all rows are the record: as told, or where no step of several can stand alone."""
+    if whole:
+        if asked_for_step:
+            raise ValueError(
+                "The whole log has no one step and no known level: leave out step, step_time,"
+                " step_size, initial and final, or whole."
+            )
+        if rows.u is None:
+            raise ValueError(f"The whole log needs an input: name that column of {table.source}.")
+        return True
+    if whole is False or asked_for_step or rows.u is None:
+        return False
+    found = [row for row, _ in find_steps(rows.u)]
+    if len(found) < 2:
+        return False
+    ends = [*found[1:], rows.t.size]
+    return not any(comes_to_rest(rows.y[a:b]) for a, b in zip(found, ends, strict=True))
+
+
+def _whole_record(
+    table: Table, roles: Roles, rows: Rows, unasked: bool, wishes: dict[str, Any]
+) -> InputRecord:
+    """All rows, with the input as it is."""
+    t, y, u = rows.t, rows.y, rows.u
+    assert u is not None  # `_is_whole` has asked
+    for values, column in ((y, roles.output), (u, roles.input)):
+        if np.ptp(values) == 0:
+            name = f"{table.names[column or 0]!r} of {table.source}"
+            raise ValueError(f"{name} is constant, {values[0]:g}: that tells no response.")
+    rows = rows.with_facts({"whole": True, "rows_used": t.size})
+    rows = rows.with_fact("whole_by_itself", True) if unasked else rows
+    names, details = _named(table, roles, rows)
+    record = InputRecord(t, y, u, labels=names, details=details, **wishes)
+    return _rising(record, table)
 
 
 Move = tuple[float, float]
@@ -199,19 +253,22 @@ def _record(
     table: Table, roles: Roles, rows: Rows, move: Move, known: dict[str, SupportsFloat | None]
 ) -> StepRecord:
     """The record of rows, with names and with what was done."""
+    names, details = _named(table, roles, rows)
+    return _rising(StepRecord(rows.t, rows.y, *move, **known, labels=names, details=details), table)
+
+
+def _named(table: Table, roles: Roles, rows: Rows) -> tuple[Labels, dict[str, Any]]:
+    """Names of the columns, and what was done."""
     used = [i for i in (roles.time, roles.output, roles.input) if i is not None]
     names = [table.names[i] for i in used]
     names[0] = time_label(names[0], rows.times)
     if "input_without_step" in rows.facts:
         names.pop()
-    record = StepRecord(
-        rows.t,
-        rows.y,
-        *move,
-        **known,
-        labels=Labels(table.file, *names),
-        details={name: _fact(value) for name, value in rows.facts.items()},
-    )
+    return Labels(table.file, *names), {name: _fact(x) for name, x in rows.facts.items()}
+
+
+def _rising(record: Any, table: Table) -> Any:
+    """A record whose times still rise in its precision."""
     if not np.all(np.diff(record.t) > 0):
         raise ValueError(
             f"The times of {table.source} are too close together for single precision: switch"

@@ -1,7 +1,7 @@
-"""A recorded step response."""
+"""A recorded step response, and what can be done with the rows of any record."""
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -13,56 +13,19 @@ from jaxtyping import Array
 from .._arrays import Count, Flag, Samples, Scalar
 from .._status import Status, refused
 from ..models._abstract import AbstractPlant
+from ..models._contour import chain_curvature
+from ._abstract import AbstractRecord, times_go_on
+from ._checks import as_number, as_rows, as_samples, as_weights
 from ._labels import Labels
 
 
 MIN_SAMPLES = 8
 """Fewest rows, from the step on, that a record may have."""
 
-
-def _as_samples(values: Any, name: str) -> Array:
-    if not isinstance(values, jax.Array):
-        try:
-            values = np.asarray(values)
-        except ValueError:
-            raise ValueError(f"{name} of a StepRecord must be one row of numbers.") from None
-    if values.dtype == bool or not (
-        np.issubdtype(values.dtype, np.integer) or jnp.issubdtype(values.dtype, jnp.floating)
-    ):
-        raise TypeError(
-            f"{name} of a StepRecord must hold real numbers, got values of type {values.dtype}."
-        )
-    if values.ndim != 1:
-        raise ValueError(
-            f"{name} of a StepRecord must be one row of numbers, got shape {values.shape};"
-            " for a batch of records use jax.vmap."
-        )
-    if jnp.issubdtype(values.dtype, jnp.integer):
-        values = values.astype(float)
-    return jnp.asarray(values)
+R = TypeVar("R", bound=AbstractRecord)
 
 
-def _as_number(value: Any, name: str, dtype) -> Array:
-    value = jnp.asarray(value) if isinstance(value, jax.Array) else np.asarray(value)
-    if value.dtype == bool or not (
-        jnp.issubdtype(value.dtype, jnp.floating) or jnp.issubdtype(value.dtype, jnp.integer)
-    ):
-        raise TypeError(f"{name} of a StepRecord must be a real number, got {value!r}.")
-    if value.ndim != 0:
-        raise ValueError(f"{name} of a StepRecord must be one number, got shape {value.shape}.")
-    return jnp.asarray(value, dtype)
-
-
-def _as_rows(rows: Any, size: int) -> Array:
-    rows = rows if isinstance(rows, jax.Array) else np.asarray(rows)
-    if not jnp.issubdtype(rows.dtype, jnp.integer) or rows.ndim:
-        raise TypeError(f"rows of a StepRecord must be a whole number, got {rows!r}.")
-    if not isinstance(rows, Tracer) and not 0 <= int(rows) <= size:
-        raise ValueError(f"rows of a StepRecord must lie in 0..{size}, got {rows}.")
-    return jnp.asarray(rows)
-
-
-class StepRecord(eqx.Module):
+class StepRecord(AbstractRecord):
     """One recorded step response.
 
     **Fields:**
@@ -109,58 +72,40 @@ class StepRecord(eqx.Module):
         rows: Any = None,
         weights: Any = None,
     ):
-        t, y = _as_samples(t, "t"), _as_samples(y, "y")
+        of = "of a StepRecord"
+        t, y = as_samples(t, f"t {of}"), as_samples(y, f"y {of}")
         if t.shape != y.shape:
-            raise ValueError(
-                f"t and y of a StepRecord must have equal lengths, got {t.size} and {y.size}."
-            )
+            raise ValueError(f"t and y {of} must have equal lengths, got {t.size} and {y.size}.")
         dtype = jnp.result_type(t, y)
         self.t, self.y = t.astype(dtype), y.astype(dtype)
-        self.step_time = _as_number(step_time, "step_time", dtype)
-        self.step_size = _as_number(step_size, "step_size", dtype)
-        self.initial = None if initial is None else _as_number(initial, "initial", dtype)
-        self.final = None if final is None else _as_number(final, "final", dtype)
+        self.step_time = as_number(step_time, f"step_time {of}", dtype)
+        self.step_size = as_number(step_size, f"step_size {of}", dtype)
+        self.initial = None if initial is None else as_number(initial, f"initial {of}", dtype)
+        self.final = None if final is None else as_number(final, f"final {of}", dtype)
         self.labels = labels
         self.details = {} if details is None else details
-        self.rows = None if rows is None else _as_rows(rows, t.size)
-        self.weights = None if weights is None else _as_samples(weights, "weights").astype(dtype)
-        if self.weights is not None and self.weights.shape != t.shape:
-            raise ValueError(
-                f"weights of a StepRecord need one value per row, {t.size},"
-                f" got {self.weights.size}."
-            )
+        self.rows = None if rows is None else as_rows(rows, f"rows {of}", t.size)
+        self.weights = None if weights is None else as_weights(weights, f"weights {of}", self.t)
 
     @property
-    def count(self) -> Count | int:
-        """Number of rows that count; of a compact record (see `compact`)."""
-        return self.t.size if self.rows is None else self.rows
+    def start_time(self) -> Scalar:
+        """`step_time`."""
+        return self.step_time
 
     @property
-    def present(self) -> Array:
-        """Which rows count, of a compact record: the first ones."""
-        if self.rows is None:  # a constant, which costs nothing
-            return jnp.ones(self.t.size, bool)
-        return jnp.arange(self.t.size) < self.rows
-
-    @property
-    def last(self) -> Count | int:
-        """Place of the last row that counts, of a compact record."""
-        return self.count - 1
-
-    @property
-    def elapsed(self) -> Samples:
-        """Times since the step."""
-        return self.t - self.step_time
-
-    @property
-    def duration(self) -> Scalar:
-        """Length of the record after the step."""
-        return self.t[self.last] - self.step_time
+    def input_size(self) -> Scalar:
+        """`step_size`."""
+        return self.step_size
 
     @property
     def after_step(self) -> Array:
         """Which rows lie at or after the step: those that errors and fits use."""
         return (self.t >= self.step_time) & self.present
+
+    @property
+    def kinked(self) -> bool:
+        """A step is a jump."""
+        return True
 
     @property
     def plain(self) -> "StepRecord":
@@ -176,8 +121,77 @@ class StepRecord(eqx.Module):
             weights=self.weights,
         )
 
+    def compacted(self) -> "StepRecord":
+        """Rows of weight 0 go to the end with those that do not count."""
+        record = self
+        if record.rows is None and record.weights is None:
+            return record
+        t, y, weights = record.t, record.y, record.weights
+        place = jnp.arange(t.size)
+        counts = jnp.ones(t.size, bool) if record.rows is None else place < record.rows
+        if weights is not None:
+            counts = counts & (weights > 0)
+            order = jnp.argsort(~counts, stable=True)
+            t, y, weights = t[order], y[order], weights[order]
+        rows = jnp.sum(counts)
+        present = place < rows
+        t, y = times_go_on(t, rows), jnp.where(present, y, y[jnp.maximum(rows - 1, 0)])
+        if weights is not None:
+            weights = jnp.where(present, weights, 0)
+        return _replaced(record, t, y, rows, weights)
 
-def with_weights(record: StepRecord, weights: Any) -> StepRecord:
+    def numbers(self) -> list[Array]:
+        """Rows, step and known levels."""
+        levels = [level for level in (self.initial, self.final) if level is not None]
+        return [self.t, self.y, self.step_time, self.step_size, *levels]
+
+    def input_status(self) -> list[tuple[Flag, Status]]:
+        """A step after the record, or of no size."""
+        late = [(self.step_time > self.t[self.last], Status.step_outside_record)]
+        return (late if self.t.size else []) + [(self.step_size == 0, Status.no_step)]
+
+    def stand_in(self, t: Samples, y: Samples) -> "StepRecord":
+        """A step at 0 of size 1; levels known where they are."""
+        zero, one = jnp.zeros((), t.dtype), jnp.ones((), t.dtype)
+        return StepRecord(
+            t,
+            y,
+            zero,
+            one,
+            None if self.initial is None else zero,
+            None if self.final is None else one,
+            rows=None if self.rows is None else t.size,
+            weights=None if self.weights is None else jnp.ones(t.size, t.dtype),
+        )
+
+    def response(self, plant: AbstractPlant, t: Any = None) -> Samples:
+        """g(t - step_time - delay)."""
+        elapsed = self.elapsed if t is None else t - self.step_time
+        return plant.unit_response(elapsed - plant.delay)
+
+    def response_slopes(
+        self, plant: AbstractPlant, changes: Sequence[dict[str, Array]]
+    ) -> tuple[Samples, Samples, Samples, list[Samples]]:
+        """Both dead time and unit move the response along its slope in time."""
+        since = self.elapsed - plant.delay
+        g, slope, moved = plant.slopes(since, changes)
+        return g, -slope, -since * slope, moved
+
+    def curvature(self, plant: Any, weights: Samples) -> Array:
+        """By the rule of the contour."""
+        return chain_curvature(self.elapsed - plant.delay, plant.lags, weights)
+
+    def share_shown(self, plant: AbstractPlant, response: Samples) -> Scalar:
+        """The response in the last row."""
+        del plant
+        return response[self.last]
+
+    def input_facts(self) -> dict[str, Any]:
+        """The step."""
+        return {"step": {"time": float(self.step_time), "size": float(self.step_size)}}
+
+
+def with_weights(record: R, weights: Any) -> R:
     """A record with other weights than its own: per row, or one number; None leaves its own."""
     if weights is None:
         return record
@@ -190,48 +204,27 @@ def with_weights(record: StepRecord, weights: Any) -> StepRecord:
     return eqx.tree_at(lambda r: r.weights, record, weights, is_leaf=lambda x: x is None)
 
 
-def compact(record: StepRecord) -> StepRecord:
+def compact(record: R) -> R:
     """The same record with the rows that count first, and harmless ones behind them.
 
     Behind, time goes on evenly and the output stays as it is in the last row: an extreme, a
     crossing or a last value is what it is without those rows. Numerical code works on compact
     records; one without `rows` and `weights` is compact as it is.
     """
-    if record.rows is None and record.weights is None:
-        return record
-    t, y, weights = record.t, record.y, record.weights
-    place = jnp.arange(t.size)
-    counts = jnp.ones(t.size, bool) if record.rows is None else place < record.rows
-    if weights is not None:
-        counts = counts & (weights > 0)
-        order = jnp.argsort(~counts, stable=True)
-        t, y, weights = t[order], y[order], weights[order]
-    rows = jnp.sum(counts)
-    last = jnp.maximum(rows - 1, 0)
-    interval = (t[last] - t[0]) / jnp.maximum(last, 1)
-    after = t[last] + jnp.where(interval > 0, interval, 1) * (place - last)
-    present = place < rows
-    t, y = jnp.where(present, t, after), jnp.where(present, y, y[last])
-    if weights is not None:
-        weights = jnp.where(present, weights, 0)
-    return eqx.tree_at(
-        lambda r: (r.t, r.y, r.rows, r.weights),
-        record,
-        (t, y, rows, weights),
-        is_leaf=lambda x: x is None,
-    )
+    return record.compacted()
 
 
-def stack_records(records: Iterable[StepRecord]) -> StepRecord:
+def stack_records(records: Iterable[R]) -> R:
     """A batch of records of any lengths, for `jax.vmap`: each padded to the longest.
 
-    Every leaf has a leading axis; names and details are left out. Known levels must be known of
-    all records or of none. **Raises** `ValueError` for no record at all, or for levels known of
-    some.
+    All of one kind: `StepRecord`s, or `InputRecord`s with one `hold`. Every leaf has a leading
+    axis; names and details are left out. Known levels must be known of all records or of none.
+    **Raises** `ValueError` for no record at all, or for records that differ in that.
     """
     records = [record.plain for record in records]
     if not records:
         raise ValueError("stack_records needs at least one record.")
+    records = type(records[0]).alike(records)
     for level in ("initial", "final"):
         if len({getattr(record, level) is None for record in records}) > 1:
             raise ValueError(f"stack_records needs the {level} level of all records, or of none.")
@@ -241,7 +234,7 @@ def stack_records(records: Iterable[StepRecord]) -> StepRecord:
     return jax.tree.map(lambda *leaves: jnp.stack(leaves), *padded)
 
 
-def padded_record(record: StepRecord, size: int, weighted: bool = False) -> StepRecord:
+def padded_record(record: R, size: int, weighted: bool = False) -> R:
     """A record filled up with zeros to `size` rows, of which only those count that it had.
 
     NumPy does it where it can: JAX would compile that for every length.
@@ -255,52 +248,42 @@ def padded_record(record: StepRecord, size: int, weighted: bool = False) -> Step
         return jnp.asarray(pad(row, (0, size - record.t.size)))
 
     rows = record.t.size if record.rows is None else record.rows
-    return eqx.tree_at(
-        lambda r: (r.t, r.y, r.rows, r.weights),
-        record,
-        (
-            filled(record.t),
-            filled(record.y),
-            jnp.asarray(rows),
-            None if weights is None else filled(weights),
-        ),
-        is_leaf=lambda x: x is None,
+    values = [filled(getattr(record, name)) for name in record.by_row]
+    return _replaced(
+        record, *values, jnp.asarray(rows), None if weights is None else filled(weights)
     )
 
 
-def rows_that_count(record: StepRecord) -> StepRecord:
+def rows_that_count(record: R) -> R:
     """The record without the rows that do not count; host code."""
     if record.rows is None and record.weights is None:
         return record
-    counts = np.arange(record.t.size) < np.asarray(record.count)
-    if record.weights is not None:
-        counts = counts & (np.asarray(record.weights) > 0)
-    t, y = (jnp.asarray(np.asarray(x)[counts]) for x in (record.t, record.y))
-    return eqx.tree_at(
-        lambda r: (r.t, r.y, r.rows, r.weights),
-        record,
-        (t, y, None, None),
-        is_leaf=lambda x: x is None,
-    )
+    counts, weights = np.arange(record.t.size) < np.asarray(record.count), record.weights
+    if weights is not None and record.rows_can_go:
+        counts, weights = counts & (np.asarray(weights) > 0), None
+    cut = lambda row: None if row is None else jnp.asarray(np.asarray(row)[counts])  # noqa: E731
+    values = [cut(getattr(record, name)) for name in record.by_row]
+    return _replaced(record, *values, None, cut(weights))
 
 
-def record_status(record: StepRecord) -> Status:
+def _replaced(record: R, *values: Any) -> R:
+    """A record with other values a row, number of rows, and weights."""
+    names = (*record.by_row, "rows", "weights")
+    get = lambda r: [getattr(r, name) for name in names]  # noqa: E731
+    return eqx.tree_at(get, record, list(values), is_leaf=lambda x: x is None)
+
+
+def record_status(record: AbstractRecord) -> Status:
     """`Status.successful`, or what is wrong with the values of a compact record."""
-    numbers = [record.t, record.y, record.step_time, record.step_size]
-    numbers += [] if record.weights is None else [record.weights]
-    numbers += [level for level in (record.initial, record.final) if level is not None]
+    numbers = record.numbers() + ([] if record.weights is None else [record.weights])
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]))
     t, y = record.t, record.y
     checks: list[tuple[Flag, Status]] = [
         (~finite, Status.nonfinite_data),
         (~jnp.all(jnp.diff(t) > 0), Status.time_not_increasing),
     ]
-    if t.size:
-        checks.append((record.step_time > t[record.last], Status.step_outside_record))
-    checks += [
-        (jnp.sum(record.after_step) < MIN_SAMPLES, Status.too_few_samples),
-        (record.step_size == 0, Status.no_step),
-    ]
+    checks += record.input_status()
+    checks.append((jnp.sum(record.after_step) < MIN_SAMPLES, Status.too_few_samples))
     if t.size:
         after = jnp.where(record.after_step, y, y[-1])
         checks.append((jnp.max(after) == jnp.min(after), Status.constant_output))
@@ -310,7 +293,7 @@ def record_status(record: StepRecord) -> Status:
     return status
 
 
-def usable_record(record: StepRecord) -> tuple[Status, StepRecord]:
+def usable_record(record: R) -> tuple[Status, R]:
     """Status of a record, and the record, compact, or where it is refused a harmless stand-in.
 
     Numerical code runs on the stand-in without a NaN or an endless loop; its result is discarded.
@@ -319,54 +302,27 @@ def usable_record(record: StepRecord) -> tuple[Status, StepRecord]:
     status = record_status(record)
     bad = refused(status)
     count = max(record.t.size, MIN_SAMPLES)
-    dtype = record.t.dtype
-    t = jnp.arange(count, dtype=dtype)
-    stand_in = StepRecord(
-        t,
-        1 - jnp.exp(-5 * t / count),
-        jnp.zeros((), dtype),
-        jnp.ones((), dtype),
-        None if record.initial is None else jnp.zeros((), dtype),
-        None if record.final is None else jnp.ones((), dtype),
-        rows=None if record.rows is None else count,
-        weights=None if record.weights is None else jnp.ones(count, dtype),
-    )
+    t = jnp.arange(count, dtype=record.t.dtype)
+    stand_in = record.stand_in(t, 1 - jnp.exp(-5 * t / count))
     if record.t.size < MIN_SAMPLES:
         return status, stand_in
     pick = lambda a, b: jnp.where(bad, a, b)  # noqa: E731
     return status, jax.tree.map(pick, stand_in, record.plain)
 
 
-# How the input moves a plant: the one place that knows it is a step
+def predict(model: AbstractPlant, record: AbstractRecord, t: Any = None) -> Samples:
+    """Output of a model, offset + input_size gain g, at the record's rows or at times `t`.
 
-
-def input_response(record: StepRecord, plant: AbstractPlant, t: Any = None) -> Samples:
-    """Response to the record's input for gain 1 and offset 0, per `step_size` of input.
-
-    At the record's rows, or at times `t` of its axis. g(t - step_time - delay).
+    And what was found to move it beside the input.
     """
-    elapsed = record.elapsed if t is None else t - record.step_time
-    return plant.unit_response(elapsed - plant.delay)
+    return scaled(model, record, record.response(model, t), t)
 
 
-def input_response_slopes(
-    record: StepRecord, plant: AbstractPlant, changes: Sequence[dict[str, Array]]
-) -> tuple[Samples, Samples, Samples, list[Samples]]:
-    """`input_response`, and how it moves: with the dead time, the unit of time, and `changes`.
-
-    The second is the derivative in the logarithm of the unit that all times of the plant are
-    measured in, but for the dead time. `changes`: as in `AbstractPlant.slopes`.
-    """
-    since = record.elapsed - plant.delay
-    g, slope, moved = plant.slopes(since, changes)
-    return g, -slope, -since * slope, moved
-
-
-def predict(model: AbstractPlant, record: StepRecord, t: Any = None) -> Samples:
-    """Output of a model, offset + step_size gain g, at the record's rows or at times `t`."""
-    return scaled(model, record, input_response(record, model, t))
-
-
-def scaled(model: AbstractPlant, record: StepRecord, response: Samples) -> Samples:
+def scaled(model: AbstractPlant, record: AbstractRecord, response: Samples, t: Any = None):
     """The same for a response that is known already."""
-    return model.offset + record.step_size * model.gain * response
+    output = model.offset + record.input_size * model.gain * response
+    if record.found_beside is None:
+        return output
+    return output + sum(
+        x * column for x, column in zip(record.found_beside, record.beside(model, t), strict=True)
+    )

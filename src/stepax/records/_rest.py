@@ -15,6 +15,14 @@ MOVES = 0.03
 """Share of the response that an earlier move must still have before it to be worth a warning."""
 
 
+STANDS_ALONE = 20
+"""Fewest rows after a step from which a response can be told."""
+STILL_MOVES = 0.15
+"""Move from the third to the last quarter after a step, over all of it: of less it is at rest.
+
+Of a first-order response it is 0.19 where the rows end after one time constant, 0.13 after two."""
+
+
 class Rest(NamedTuple):
     """Rows before a step that come too early, and the slope of the output at the step.
 
@@ -49,6 +57,14 @@ def rest_before(t: np.ndarray, y: np.ndarray, step_time: float) -> Rest:
             break
         begin += max(1, rows // 10)
     return Rest(begin, drift)
+
+
+def comes_to_rest(y: np.ndarray) -> bool:
+    """Whether the rows after a step are enough, and the output comes to rest within them."""
+    if y.size < STANDS_ALONE:
+        return False
+    quarters = [part.mean() for part in np.array_split(y, 4)]
+    return bool(abs(quarters[3] - quarters[2]) <= STILL_MOVES * np.ptp(y))
 
 
 def _drift(t: np.ndarray, y: np.ndarray, extent: float, duration: float) -> float:

@@ -1,6 +1,6 @@
 """Signs in a record that call for a zero or an integrator: reasons to try such a model."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -39,8 +39,10 @@ class Signs(NamedTuple):
 
 
 @eqx.filter_jit
-def signs(record: StepRecord) -> Signs:
-    """The signs in a record, above its noise."""
+def signs(record: Any) -> Signs:
+    """The signs in a record, above its noise; of another input than a step all may be there."""
+    if not isinstance(record, StepRecord):
+        return Signs(*[jnp.array(True)] * 3)
     _, record = usable_record(record)
     initial, final = levels(record)
     up = jnp.where(final < initial, -1, 1)

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from ._record import StepRecord, rows_that_count
+from ._record import R, StepRecord, rows_that_count
 
 
 MOST_ROWS = 4000
@@ -17,14 +17,15 @@ FEW_SPANS = 10
 """Spans between 10 and 90 % of the change below which means blur the response."""
 
 
-def thinned(record: StepRecord) -> StepRecord:
+def thinned(record: R) -> R:
     """A record of fewer rows where it has more than `MOST_ROWS`; else the record as it is.
 
     Each row is the mean over one of equal spans, which are laid from the step on, so that none has
     rows of both sides of it. Means keep what white noise tells of a slow response; that of a span
-    differs from the response at its middle by a 24th of its curvature.
+    differs from the response at its middle by a 24th of its curvature. Means of a sampled input
+    would be another input: such a record keeps its rows.
     """
-    if record.t.size <= MOST_ROWS:
+    if record.t.size <= MOST_ROWS or not isinstance(record, StepRecord):
         return record
     record = rows_that_count(record)
     t, y = np.asarray(record.t, float), np.asarray(record.y, float)

@@ -14,8 +14,9 @@ from .._notes import Identified, free_names, notes_of, with_unit
 from .._status import Status, status_name
 from ..models._abstract import COMMON, AbstractPlant
 from ..models._notation import number, transfer_function_text
+from ..records._abstract import AbstractRecord
 from ..records._labels import Units
-from ..records._record import StepRecord, rows_that_count
+from ..records._record import rows_that_count
 from ._intervals import quantile
 
 
@@ -56,13 +57,18 @@ class Content(NamedTuple):
     notes: list[str]
 
 
-def record_line(record: StepRecord) -> str:
+def record_line(record: AbstractRecord) -> str:
     """What was read."""
     units = Units.of(record.labels)
-    size = with_unit(record.step_size, units.input)
-    time = with_unit(record.step_time, units.time)
-    rows = int(record.details.get("rows_thinned", rows_that_count(record).t.size))
-    return f"{record.labels.source or 'Record'}: {rows} rows, step of {size} at t = {time}"
+    rows = int(np.asarray(record.details.get("rows_thinned", rows_that_count(record).t.size)))
+    facts = record.input_facts()
+    if facts["step"]:
+        size, time = facts["step"]["size"], facts["step"]["time"]
+        moves = f"step of {with_unit(size, units.input)} at t = {with_unit(time, units.time)}"
+    else:
+        about = facts["input"]
+        moves = f"input from {number(about['least'])} to {with_unit(about['most'], units.input)}"
+    return f"{record.labels.source or 'Record'}: {rows} rows, {moves}"
 
 
 def content(result: Identified, method: str | None = None, step: int | None = None) -> Content:

@@ -43,7 +43,7 @@ def to_json(result: Identified, method: str | None = None) -> dict[str, Any]:
             "lags": _lags(model),
             "numerator": numerator,
             "denominator": denominator,
-            "step": {"time": float(record.step_time), "size": float(record.step_size)},
+            **record.input_facts(),
             "units": Units.of(record.labels)._asdict(),
             "notes": notes_of(result),
             "version": version("stepax"),
