@@ -11,6 +11,7 @@ from jaxtyping import Array
 
 from .._arrays import Samples, nan_where
 from .._batches import in_groups, over_devices
+from .._compilation import side_by_side
 from .._status import Status, first_problem, refused
 from ..fitting._refine import refine
 from ..methods import FITS, METHODS
@@ -62,7 +63,9 @@ _kept: dict[Any, Any] = {}
 def _program(study: Study, implementation: str):
     """The compiled functions of a study; the last one is kept."""
     double = jax.config.read("jax_enable_x64")
-    name = repr(study.describe()), study.distribution, implementation, double
+    # how many plants and draws there are is not part of the program
+    said = repr(study.describe() | {"plants": 0, "draws": 0})
+    name = said, study.distribution, implementation, double
     if name not in _kept:
         _kept.clear()
         _kept[name] = _compiled(study, implementation)
@@ -74,19 +77,25 @@ def _compiled(study: Study, implementation: str):
     make = over_devices(jax.vmap(functools.partial(_record, study, implementation)))
     smoothers = {span: over_devices(_smoother(study, span)) for span in _spans(study)}
     run = {name: over_devices(_method(study, name)) for name in study.options}
+    # those that start from another method's models come after all others
+    waves = [[], []]
+    for name, options in study.options.items():
+        waves[options.get("order") in run].append(name)
 
     def program(data, *places):
         t, clean, raw = make(data, *places)
         outputs = {None: raw} | {span: smoother(raw) for span, smoother in smoothers.items()}
-        models: dict[str, Any] = {}
-        rmse, status = [], []
-        for name, options in study.options.items():
-            start = models.get(options.get("order", ""))
-            more = () if start is None else (start,)
-            models[name], error, code = run[name](t, clean, outputs[options.get("span")], *more)
-            rmse.append(error)
-            status.append(code)
-        return rmse, status
+        found: dict[str, Any] = {}
+        for names in waves:
+            tasks = []
+            for name in names:
+                options = study.options[name]
+                start = [found[options["order"]][0]] if options.get("order") in found else []
+                output = outputs[options.get("span")]
+                tasks.append(functools.partial(run[name], t, clean, output, *start))
+            found |= dict(zip(names, side_by_side(tasks), strict=True))  # so they compile
+        rows = [found[name] for name in study.options]
+        return [row[1] for row in rows], [row[2] for row in rows]
 
     return program
 
