@@ -1,6 +1,7 @@
 """One chunk of a study: a pure function of the study, the key and the numbers of its records."""
 
 import functools
+import threading
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -58,6 +59,7 @@ def compute(task: Task) -> Columns:
 
 
 _kept: dict[Any, Any] = {}
+_one_at_a_time = threading.Lock()
 
 
 def _program(study: Study, implementation: str):
@@ -66,10 +68,11 @@ def _program(study: Study, implementation: str):
     # how many plants and draws there are is not part of the program
     said = repr(study.describe() | {"plants": 0, "draws": 0})
     name = said, study.distribution, implementation, double
-    if name not in _kept:
-        _kept.clear()
-        _kept[name] = _compiled(study, implementation)
-    return _kept[name]
+    with _one_at_a_time:
+        if name not in _kept:
+            _kept.clear()
+            _kept[name] = _compiled(study, implementation)
+        return _kept[name]
 
 
 def _compiled(study: Study, implementation: str):

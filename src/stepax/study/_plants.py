@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,8 @@ from ..models._plants import PTn
 from ..models._responses import MAX_ORDER
 
 
+Real = float | int
+
 REST = 1e-3
 """What is left of the change at the end of a study's record: Murray (2016) ends at 99.9 %."""
 
@@ -22,8 +25,8 @@ REST = 1e-3
 class UniformLags:
     """Lags uniform between `low` and `high`: Murray (2016), eq. 4.1 as the author's code has it."""
 
-    low: float = 1.0
-    high: float = 9.0
+    low: Real = 1.0
+    high: Real = 9.0
 
     def __post_init__(self) -> None:
         _check_range(self.low, self.high)
@@ -37,8 +40,8 @@ class UniformLags:
 class LogUniformLags:
     """Lags whose logarithms are uniform: every decade between `low` and `high` is as likely."""
 
-    low: float = 0.1
-    high: float = 10.0
+    low: Real = 0.1
+    high: Real = 10.0
 
     def __post_init__(self) -> None:
         _check_range(self.low, self.high)
@@ -57,10 +60,10 @@ class LagAndRatio:
     in studies of two lags (experiments/benchmarks), from nearly first order to nearly equal lags.
     """
 
-    low: float = 3.0
-    high: float = 9.0
-    least: float = 0.1
-    most: float = 1.0
+    low: Real = 3.0
+    high: Real = 9.0
+    least: Real = 0.1
+    most: Real = 1.0
 
     def __post_init__(self) -> None:
         _check_range(self.low, self.high)
@@ -78,12 +81,12 @@ Distribution = Callable[[Array, int], Lags]
 """The lags of one plant from a key and an order; a function of one's own may stand here too."""
 
 
-def _check_range(low: float, high: float) -> None:
+def _check_range(low: Real, high: Real) -> None:
     if not 0 < low <= high < math.inf:
         raise ValueError(f"A range of lags or ratios needs 0 < low <= high, got {low} and {high}.")
 
 
-def check_order(order: int) -> int:
+def check_order(order: Any) -> int:
     """`order`, or a `ValueError`."""
     if isinstance(order, bool) or not isinstance(order, int) or not 1 <= order <= MAX_ORDER:
         raise ValueError(f"The order of a plant must be from 1 to {MAX_ORDER}, got {order!r}.")
@@ -91,7 +94,7 @@ def check_order(order: int) -> int:
 
 
 def random_plants(
-    key: Array, count: int, order: int, distribution: Distribution = UniformLags()
+    key: Array, count: Any, order: Any, distribution: Distribution = UniformLags()
 ) -> PTn:
     r"""Random plants $\prod_k 1/(1 + s T_k)$: a batch of `PTn`, every leaf with a leading axis.
 

@@ -130,9 +130,11 @@ def _here(
     tasks: Sequence[Task], missing: list[int], folder: Store | None
 ) -> Iterator[tuple[int, Columns, bool]]:
     """Number and results of each chunk, and whether they are new: another process may have it."""
+    damaged = {number for number in missing if folder is not None and folder.has(number)}
     for number in missing:
         task = tasks[number]
-        if folder is not None and folder.has(number) and folder.usable(number, _rows(task)):
+        new = folder is not None and number not in damaged and folder.has(number)
+        if folder is not None and new and folder.usable(number, _rows(task)):
             yield number, _read(folder, number, task), False
         else:
             yield number, compute(task), True

@@ -45,11 +45,12 @@ class Study:
     """
 
     methods: Methods
-    orders: Iterable[int] = (2, 4)
-    plants: int = 100
-    noise: Iterable[float | AbstractNoise] = (0.0, 0.02)
-    draws: int = 1
-    samples: int = 250
+    # lists are kept as tuples, numbers of NumPy's as Python's
+    orders: Any = (2, 4)
+    plants: Any = 100
+    noise: Any = (0.0, 0.02)
+    draws: Any = 1
+    samples: Any = 250
     distribution: Distribution = UniformLags()  # noqa: RUF009 (immutable)
     known_levels: bool = True
 
@@ -120,7 +121,7 @@ class Study:
     @property
     def models(self) -> tuple[AbstractNoise, ...]:
         """Noise models, in order."""
-        return self.noise  # pyright: ignore[reportReturnType]
+        return self.noise
 
     @property
     def table(self) -> NoiseTable:
@@ -137,7 +138,7 @@ class Study:
         """Number of records, each of which every method identifies."""
         return int(np.prod(self.shape))
 
-    def places(self, records: np.ndarray) -> tuple[np.ndarray, ...]:
+    def places(self, records: np.ndarray) -> tuple[Any, ...]:
         """Of records by number: places of the order, the plant of it, the noise, and the draw."""
         return np.unravel_index(records, self.shape)
 
