@@ -127,11 +127,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--out", type=Path, default=Path("out/murray/figure_11_full"))
     parser.add_argument("--float32", action="store_true")
+    parser.add_argument("--levels", type=int, default=1000)
+    parser.add_argument("--plants", type=int, default=72, help="of each order")
     parser.add_argument("--quick", action="store_true", help="50 levels, 5 plants of each order")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     use_all_cores()
-    levels, plants = (50, 5) if options.quick else (1000, 72)
+    levels, plants = (50, 5) if options.quick else (options.levels, options.plants)
     asked, console, tables = study(levels, plants), Console(width=120), {}
     options.out.mkdir(parents=True, exist_ok=True)
     precision = "float32" if options.float32 else "float64"
