@@ -36,6 +36,7 @@ ROOMS = (
     "layer",
     "report",
     "_cli_picture",
+    "_cli_study",
     "_options",
     "_cli",
     "app",

@@ -39,6 +39,25 @@ from .records._preprocess import (
 from .records._read import read_record as read_record
 from .records._record import StepRecord as StepRecord, stack_records as stack_records
 from .records.image._trace import trace_image as trace_image
+from .study._noise import (
+    AbstractNoise as AbstractNoise,
+    AR1Noise as AR1Noise,
+    Drift as Drift,
+    GaussianNoise as GaussianNoise,
+    Glitches as Glitches,
+    InputNoise as InputNoise,
+    Quantisation as Quantisation,
+    UniformNoise as UniformNoise,
+)
+from .study._plants import (
+    LagAndRatio as LagAndRatio,
+    LogUniformLags as LogUniformLags,
+    UniformLags as UniformLags,
+    random_plants as random_plants,
+)
+from .study._results import StudyResults as StudyResults
+from .study._run import run_study as run_study
+from .study._study import Study as Study
 
 
 __version__ = _version("stepax")

@@ -1,4 +1,4 @@
-"""The command line: `stepax identify`, `compare`, `trace`, `methods`, `lookup`.
+"""The command line: `stepax identify`, `compare`, `trace`, `study`, `methods`, `lookup`.
 
 Heavy imports stand inside the functions that need them, so that `stepax --help` is quick. Bad
 input ends with code 2 and one paragraph on stderr; no file is written then.
@@ -18,6 +18,7 @@ import typer
 from rich.console import Console
 
 from ._cli_picture import OPTIONS, trace as trace_picture
+from ._cli_study import study as run_study
 from ._options import (
     READING,
     SIMULATED,
@@ -112,13 +113,23 @@ def _command(function: Callable) -> Callable:
     """A command: JAX set up, and what goes wrong in one paragraph, with exit code 2."""
     from ._compilation import quick_compilation
 
+    @functools.wraps(function)
+    def quickly(*args, **kwargs):
+        set_up_jax()
+        with quick_compilation():
+            function(*args, **kwargs)
+
+    return _plain_command(quickly)
+
+
+def _plain_command(function: Callable) -> Callable:
+    """A command that sets JAX up itself."""
+
     @app.command()
     @functools.wraps(function)
     def command(*args, **kwargs):
         try:
-            set_up_jax()
-            with quick_compilation():
-                function(*args, **kwargs)
+            function(*args, **kwargs)
             sys.stdout.flush()
         except BrokenPipeError:  # the reader has seen enough, as in `stepax methods | head`
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -319,6 +330,12 @@ def compare(
 def trace(*args: Any, **kwargs: Any) -> None:
     lines, written = trace_picture(*args, **kwargs)
     _show(*lines, written=written)
+
+
+@_plain_command
+@functools.wraps(run_study)
+def study(*args: Any, **kwargs: Any) -> None:
+    _show(*run_study(*args, **kwargs))
 
 
 @_command

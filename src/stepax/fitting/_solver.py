@@ -201,12 +201,14 @@ def derivatives(function, x: Float[Array, " p"]) -> Float[Array, "p residuals"]:
 def inner_products(rows: list[Float[Array, " residuals"]]) -> Float[Array, "rows rows"]:
     """Sums of the products of all pairs.
 
-    The barriers let rows be computed each on its own, and the stack of them be a copy: on a CPU a
-    matrix product adds four times faster than single sums.
+    On a CPU a matrix product adds four times faster than single sums. The rows are written into it
+    one by one: of a `stack` XLA computes, for each of its elements, what all rows are made of, and
+    of a sum over a contour that is twenty times the work.
     """
-    barrier = jax.lax.optimization_barrier
-    stack = barrier(jnp.stack(barrier(rows)))
-    return stack @ stack.T
+    matrix = jnp.zeros((len(rows), rows[0].size), rows[0].dtype)
+    for place, row in enumerate(jax.lax.optimization_barrier(rows)):
+        matrix = matrix.at[place].set(row)
+    return matrix @ matrix.T
 
 
 def free_parameters(y, gradient, lower, upper) -> Bool[Array, " p"]:

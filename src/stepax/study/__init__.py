@@ -1,0 +1,1 @@
+"""Monte Carlo: random plants, noise, methods, and what came of them, chunk by chunk."""
