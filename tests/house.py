@@ -26,6 +26,7 @@ ROOMS = (
     "plots",
     "_notes",
     "summary",
+    "report",
     "_result",
     "fitting",
     "methods",
@@ -34,11 +35,11 @@ ROOMS = (
     "_compare",
     "study",
     "layer",
-    "report",
+    "_setup",
+    "app",
     "_cli_picture",
     "_options",
     "_cli",
-    "app",
 )
 """Rooms of the house, from the ground up: a room imports only from those before it."""
 

@@ -3,6 +3,8 @@
 import dataclasses
 from collections.abc import Sequence
 from functools import partial
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
@@ -23,6 +25,8 @@ from .records._thin import thinned
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from .plots._comparison import Entry
 
 GROUPS = ("all", "first", "second", "nth")
 """Groups of models that a comparison can be narrowed to."""
@@ -93,6 +97,26 @@ class Comparison:
             for row in self.rows
         )
 
+    def entries(self, group: str = "all") -> list["Entry"]:
+        """The models of a group as pictures take them, the best first."""
+        from .plots._comparison import Entry
+
+        return [
+            Entry(r.method, r.result.model, r.fit_percent, r.J, level_marks(r), tangent_ends(r))
+            for r in self.models(group)
+        ]
+
+    def report(self, path: str | PathLike, group: str = "all") -> None:
+        """Write a page to hand over: one HTML file with the ranking and the best model in full.
+
+        As `Identification.report`, for the models of a group.
+        """
+        from .report._files import write_page
+        from .report._html import html
+        from .report._pages import comparison_page
+
+        write_page(html(comparison_page(self, group)), Path(path))
+
     def plot(self, group: str = "all", kind: str = "response", **options: Any):
         """Models of a group as a matplotlib figure.
 
@@ -101,17 +125,14 @@ class Comparison:
         **Options:** `title`, instead of the name of the file; `size` in inches; `count`, how many
         models a response shows, at most 7.
         """
-        from .plots._comparison import MOST_DRAWN, Entry, plot_comparison, plot_ranking
+        from .plots._comparison import MOST_DRAWN, plot_comparison, plot_ranking
 
         check_kind(kind)
         rows = self.models(group)
         if not rows:
             what = "model" if group == "all" else f"model of {_GROUP_NAMES[group]}"
             raise ValueError(f"The comparison has no {what} to draw.")
-        entries = [
-            Entry(r.method, r.result.model, r.fit_percent, r.J, level_marks(r), tangent_ends(r))
-            for r in rows
-        ]
+        entries = self.entries(group)
         if kind == "response":
             count = min(options.get("count", MOST_DRAWN), len(rows))
             title = _title(self.record, group, f"best {count} of {len(rows)} models")

@@ -4,7 +4,8 @@ Figures are built without pyplot: no window, no global state, no display needed.
 from the others in lightness or style, so that a print in grey can be read.
 """
 
-from typing import Any
+import textwrap
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -42,35 +43,67 @@ def plot_model(
     *,
     title: str,
     size: tuple[float, float] = (8.0, 5.0),
+    with_input: bool = False,
 ) -> Figure:
     """Record and model above, residuals below, on one axis of time; `size` in inches.
 
-    Without a model, the record alone.
+    Without a model, the record alone. `with_input`: the step of the input between them.
     """
     record = rows_that_count(record)
     figure = Picture(figsize=size, dpi=150, layout="constrained")
-    response, residuals = response_panels(figure, record.labels)
+    if with_input:
+        response, middle, residuals = response_panels(figure, record.labels, with_input=True)
+        _draw_input(middle, record)
+    else:
+        response, residuals = response_panels(figure, record.labels)
     draw_record(response, record)
     if model is not None:
         draw_model(response, residuals, model, record, color=MODEL, label="model")
         _shade_delay(response, residuals, record, float(np.asarray(model.delay)))
     response.set_title(literal(title), loc="left", fontsize=10)
     finish(response, residuals, record)
-    figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    columns = 4 if size[0] > 6 else 2
+    figure.legend(loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
 
-def response_panels(figure, labels: Labels) -> tuple[Axes, Axes]:
-    """Axes of the response and of the residuals in an empty figure, labelled."""
-    response, residuals = figure.subplots(2, 1, sharex=True, height_ratios=[2.8, 1])
-    response.set_ylabel(_label(labels.output, "output"))
+def response_panels(figure, labels: Labels, with_input: bool = False) -> tuple[Axes, ...]:
+    """Axes of the response and of the residuals in an empty figure, labelled.
+
+    `with_input`: those of the input too, between them.
+    """
+    heights = [2.8, 0.6, 1] if with_input else [2.8, 1]
+    response, *middle, residuals = figure.subplots(
+        len(heights), 1, sharex=True, height_ratios=heights
+    )
+    inches = figure.bbox.height / figure.dpi
+    response.set_ylabel(
+        _wrapped(_label(labels.output, "output"), inches * heights[0] / sum(heights))
+    )
+    for axes in middle:
+        unit = unit_of(labels.input)
+        axes.set_ylabel(literal(f"input\n({unit})" if unit else "input"))
     unit = unit_of(labels.output)
     residuals.set_ylabel(literal(f"residual\n({unit})" if unit else "residual"))
     residuals.set_xlabel(_label(labels.time, "time"))
-    figure.align_ylabels([response, residuals])
-    for axes in (response, residuals):
+    figure.align_ylabels([response, *middle, residuals])
+    for axes in (response, *middle, residuals):
         axes.tick_params(labelsize=9)
-    return response, residuals
+    return response, *middle, residuals
+
+
+def _draw_input(axes: Axes, record: StepRecord) -> None:
+    """The change of the input: its level before the step is not part of a record."""
+    axes.plot(*input_line(record), color=MODEL, linewidth=1.2)
+    quiet(axes)
+    axes.margins(y=0.25)
+
+
+def input_line(record: StepRecord) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the change of the input over the record: times and values."""
+    first, last = float(record.t[0]), float(record.t[-1])
+    step, size = float(record.step_time), float(record.step_size)
+    return np.array([min(first, step), step, step, last]), np.array([0.0, 0.0, size, size])
 
 
 def draw_record(axes: Axes, record: StepRecord) -> None:
@@ -89,19 +122,33 @@ def draw_model(
     response: Axes, residuals: Axes, model, record: StepRecord, *, label: str, **look
 ) -> None:
     """A model's line, with a kink where its dead time ends, and its residuals."""
+    drawn = lines(model, record)
+    look = {"linewidth": 1.5, "zorder": 3} | look
+    response.plot(drawn.times, drawn.output, label=literal(label), **look)
+    if label == "model":
+        look = {**_record_look(record), "color": RECORD}
+    else:
+        look["linewidth"] = 0.9
+    residuals.plot(record.t, drawn.residuals, **look)
+
+
+class Lines(NamedTuple):
+    """A model on a grid of times, and its residuals at the rows of a record."""
+
+    times: np.ndarray
+    output: np.ndarray
+    residuals: np.ndarray
+
+
+def lines(model: AbstractPlant, record: StepRecord) -> Lines:
+    """What is drawn of a model beside a record, all rows of which count."""
     start, stop = float(record.t[0]), float(record.t[-1])
     kink = float(record.step_time + model.delay)
     grid = np.sort(np.append(np.linspace(start, stop, GRID), np.clip(kink, start, stop)))
     times = np.concatenate([record.t, grid]).astype(record.t.dtype)
     modelled = predicted(model, record, times)
     at_rows, on_grid = modelled[: record.t.size], modelled[record.t.size :]
-    look = {"linewidth": 1.5, "zorder": 3} | look
-    response.plot(grid, on_grid, label=literal(label), **look)
-    if label == "model":
-        look = {**_record_look(record), "color": RECORD}
-    else:
-        look["linewidth"] = 0.9
-    residuals.plot(record.t, np.asarray(record.y) - at_rows, **look)
+    return Lines(grid, on_grid, np.asarray(record.y) - at_rows)
 
 
 def predicted(model: AbstractPlant, record: StepRecord, times: np.ndarray) -> np.ndarray:
@@ -133,16 +180,27 @@ def finish(response: Axes, residuals: Axes, record: StepRecord) -> None:
         axes.axvline(
             float(record.step_time), color=EDGE, linewidth=0.9, linestyle=(0, (4, 3)), label=label
         )
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.grid(color="0.92", linewidth=0.6)
-        axes.set_axisbelow(True)
+        quiet(axes)
     residuals.axhline(0, color=EDGE, linewidth=0.8)
     residuals.margins(x=0.01)
+
+
+def quiet(axes: Axes) -> None:
+    """A frame that stays behind what is drawn."""
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(color="0.92", linewidth=0.6)
+    axes.set_axisbelow(True)
 
 
 def _label(name: str, role: str) -> str:
     """A column's name, or its role where it has only a number."""
     return literal(role if name.isdecimal() or not name else name)
+
+
+def _wrapped(label: str, inches: float) -> str:
+    """A name on as many lines as its axis is too short for it, at most three."""
+    width = max(12, int(9.5 * inches))  # characters of ten points; the axis has no more than that
+    return textwrap.fill(label, width, max_lines=3, placeholder=" …", drop_whitespace=True)
 
 
 def literal(text: str) -> str:
