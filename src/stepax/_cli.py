@@ -118,7 +118,7 @@ def _command(function: Callable) -> Callable:
     """A command: JAX set up, and what goes wrong in one paragraph, with exit code 2."""
     from ._compilation import quick_compilation
 
-    @app.command()
+    @app.command(function.__name__.rstrip("_"))
     @functools.wraps(function)
     def command(*args, **kwargs):
         try:
@@ -332,6 +332,18 @@ def compare(
 def trace(*args: Any, **kwargs: Any) -> None:
     lines, written = trace_picture(*args, **kwargs)
     _show(*lines, written=written)
+
+
+@_command
+def app_(
+    file: File = None,
+    browser: Annotated[bool, typer.Option(help="Open the page in a browser.")] = True,
+    port: Annotated[int, typer.Option(help="Port on this machine; 0: a free one.")] = 0,
+) -> None:
+    """Identify with buttons: a page on this machine, with marks to drag (stepax[app])."""
+    from .app._server import serve
+
+    serve(file, browser, port)
 
 
 @_command
