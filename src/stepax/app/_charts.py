@@ -20,7 +20,14 @@ HANDLES = {
 }  # fmt: skip
 """Marks by their names; those of levels are their percentage."""
 
+BELOW = ("final", "Tg")
+"""Marks whose names stand below them: above there is the end of the picture."""
+
 ORANGE = "#c8500a"
+
+
+_SPANS: Any = (("height", FRAME), ("width", ORANGE), ("width", ORANGE))
+"""Lines of the step and of the two levels: direction and colour."""
 
 
 def look_of(place: int) -> tuple[str, Any]:
@@ -34,21 +41,24 @@ class Charts:
     def __init__(self):
         from bokeh.models import ColumnDataSource, PointDrawTool, Span
 
-        self.response, self.input, self.residuals = response_panels(Labels())
-        empty = {"x": [], "y": []}
+        self.response, self.input, self.residuals = response_panels(Labels(), fixed=(0.0, 1.0))
+        self._drawn: Any = None
+        empty: Any = {"x": [], "y": []}
         self.record = ColumnDataSource(empty)
         self.change = ColumnDataSource(empty)
-        curves = {"xs": [], "ys": [], "color": [], "dash": [], "width": [], "method": []}
+        curves: Any = {"xs": [], "ys": [], "color": [], "dash": [], "width": [], "method": []}
         self.models, self.away = ColumnDataSource(curves), ColumnDataSource(curves)
         self.tangent = ColumnDataSource(empty)
-        self.handles = ColumnDataSource({"x": [], "y": [], "mark": [], "label": []})
+        marks = ("x", "y", "mark", "label", "away")
+        nothing: Any = {name: [] for name in marks}
+        self.handles = ColumnDataSource(nothing)
         self.points = self.response.scatter(
             "x", "y", source=self.record, size=4, color=GREY, legend_label="record"
         )
         self.response.line("x", "y", source=self.record, line_width=0.6, color=GREY)
         self.input.line("x", "y", source=self.change, color=DARK, line_width=1.5)
         look = {"line_color": "color", "line_dash": "dash", "line_width": "width"}
-        self.response.multi_line("xs", "ys", source=self.models, legend_group="method", **look)
+        self.response.multi_line("xs", "ys", source=self.models, legend_field="method", **look)
         self.residuals.multi_line("xs", "ys", source=self.away, **look)
         self.response.line("x", "y", source=self.tangent, color=ORANGE, line_width=1.2)
         handles = self.response.scatter(
@@ -56,15 +66,15 @@ class Charts:
             line_color=ORANGE, line_width=2.2, hit_dilation=1.6,
         )  # fmt: skip
         self.response.text(
-            "x", "y", text="label", source=self.handles, x_offset=9, y_offset=-9,
+            "x", "y", text="label", source=self.handles, x_offset=9, y_offset="away",
             text_font_size="11px", text_color=ORANGE,
         )  # fmt: skip
         self.tool = PointDrawTool(renderers=[handles], add=False, description="Drag a mark")
         self.response.add_tools(self.tool)
         self.response.toolbar.active_drag = self.tool
         self.step, self.low, self.high = (
-            Span(dimension=d, line_color=c, line_dash=[4, 3], visible=False)
-            for d, c in (("height", FRAME), ("width", ORANGE), ("width", ORANGE))
+            Span(dimension=side, line_color=color, line_dash=[4, 3], visible=False)
+            for side, color in _SPANS
         )
         for span in (self.step, self.low, self.high):
             self.response.add_layout(span)
@@ -74,16 +84,16 @@ class Charts:
     def _build_ranking(self) -> None:
         from bokeh.models import ColumnDataSource, FactorRange, HoverTool
 
-        self.ranking = ColumnDataSource({"y": [], "x": [], "left": [], "J": [], "color": []})
+        nothing: Any = {"y": [], "x": [], "left": [], "J": [], "color": []}
+        self.ranking = ColumnDataSource(nothing)
         self.methods = FactorRange()
-        self.bars = panel(300, "", y_range=self.methods, x_axis_type="log")
+        self.bars = panel(300, "", y_range=self.methods, x_axis_type="log", x_range=(0.1, 1.0))
         bars = self.bars.hbar(
             y="y", right="x", left="left", height=0.62, color="color", source=self.ranking
         )
         self.bars.add_tools(HoverTool(renderers=[bars], tooltips=[("method", "@y"), ("J", "@J")]))
-        self.shares = ColumnDataSource(
-            {"start": [], "end": [], "color": [], "method": [], "share": []}
-        )
+        nothing = {"start": [], "end": [], "color": [], "method": [], "share": []}
+        self.shares = ColumnDataSource(nothing)
         self.pie = panel(300, "", x_range=(-1.1, 1.1), y_range=(-1.1, 1.1), match_aspect=True)
         wedges = self.pie.wedge(
             0, 0, radius=1, start_angle="start", end_angle="end", color="color",
@@ -116,6 +126,7 @@ class Charts:
         rows = () if comparison is None else comparison.models()
         self._fill_models(rows, shown, record, t)
         self._fill_marks(state)
+        self._fill_ranges(state)
         self._fill_ranking(rows, Units.of(labels).integral)
 
     def _fill_models(self, rows: Any, shown: tuple[str, ...], record: Any, t: Any) -> None:
@@ -148,12 +159,29 @@ class Charts:
             "y": [output for _, output in marks.values()],
             "mark": list(marks),
             "label": [HANDLES.get(mark, f"{mark[1:].replace('_', '.')} %") for mark in marks],
+            "away": [22 if mark in BELOW else -9 for mark in marks],
         }
         ends = [marks[name] for name in ("Tu", "Tg") if name in marks]
         self.tangent.data = {"x": [time for time, _ in ends], "y": [level for _, level in ends]}
         self.step.location, self.step.visible = marks["step"][0], True
         for span, name in ((self.low, "initial"), (self.high, "final")):
             span.location, span.visible = marks[name][1], True
+
+    def _fill_ranges(self, state: State) -> None:
+        """Of a new record, or for a mark outside; else what a person zoomed to stays."""
+        x, y = (np.asarray(self.record.data[name], float) for name in ("x", "y"))
+        marks = np.array(list(marks_of(state).values()))
+        times, outputs = np.append(x[[0, -1]], marks[:, 0]), np.append(y, marks[:, 1])
+        away = np.concatenate([[0.0], *self.away.data["ys"]])
+        _span(self.residuals.y_range, away, 0.08)
+        ranges = self.response.x_range, self.response.y_range
+        inside = all(r.start <= values.min() and values.max() <= r.end
+                     for r, values in zip(ranges, (times, outputs), strict=True))  # fmt: skip
+        if self._drawn is not state.base or not inside:
+            _span(ranges[0], times, 0.03)
+            _span(ranges[1], outputs, 0.08)
+            _span(self.input.y_range, np.asarray(self.change.data["y"]), 0.25)
+            self._drawn = state.base
 
     def _fill_ranking(self, rows: tuple[Row, ...], unit: str) -> None:
         from bokeh.models import PlainText
@@ -182,3 +210,12 @@ class Charts:
             "start": ends - shares * 2 * np.pi, "end": ends, "color": colors, "method": names,
             "share": [f"{100 * x:.3g} %" for x in shares],
         }  # fmt: skip
+
+
+def _span(range_: Any, values: np.ndarray, margin: float) -> None:
+    """A range that holds all values, and a margin on both sides."""
+    low, high = float(values.min()), float(values.max())
+    margin *= (high - low) or abs(high) or 1.0
+    range_.update(
+        start=low - margin, end=high + margin, reset_start=low - margin, reset_end=high + margin
+    )

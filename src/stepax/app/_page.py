@@ -42,8 +42,10 @@ class Page:
         self._asked = 0
         self._filling = False
         self.charts, self.widgets = Charts(), Widgets()
+        layout = self.widgets.layout(self.charts)
+        self._fill_choices()
         self._wire()
-        document.add_root(self.widgets.layout(self.charts))
+        document.add_root(layout)
         document.title = "stepax"
 
     # What buttons do
@@ -99,7 +101,7 @@ class Page:
     def _upload(self) -> None:
         file = self.widgets.file
         if file.value:
-            self.load(str(file.filename), base64.b64decode(file.value))
+            self.load(str(file.filename), base64.b64decode(str(file.value)))
 
     def _choose(self, option: str, value: str) -> None:
         """A column or a step from its list; the first entry of a list leaves the choice to us."""
@@ -236,6 +238,8 @@ class Page:
             self._fill_rows()
             self.charts.fill(self.state, self.shown)
             self._fill_details()
+            loaded = self.state.base is not None
+            self.widgets.results.visible, self.widgets.hello.visible = loaded, not loaded
         finally:
             self._filling = False
 
@@ -283,6 +287,9 @@ class Page:
         """Parameters with intervals, and notes, of each model that is shown."""
         comparison = self.state.comparison
         rows = () if comparison is None else comparison.models()
-        self.widgets.details.text = "<hr>".join(
-            row.result._repr_html_() or "" for row in rows if row.method in self.shown
+        self.widgets.details.text = "".join(
+            '<div style="display: inline-block; vertical-align: top; margin: 0 32px 16px 0">'
+            f"{row.result._repr_html_() or ''}</div>"
+            for row in rows
+            if row.method in self.shown
         )

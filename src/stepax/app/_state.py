@@ -151,7 +151,12 @@ def marks_of(state: State) -> dict[str, tuple[float, float]]:
     low, high = levels_of(state)
     # Apart from each other where a record begins with its step.
     start, end = first + 0.03 * (last - first), last - 0.03 * (last - first)
-    marks = {"step": (float(record.step_time), low), "initial": (start, low), "final": (end, high)}
+    middle = low + 0.5 * (high - low)
+    marks = {
+        "step": (float(record.step_time), middle),
+        "initial": (start, low),
+        "final": (end, high),
+    }
     if row is None:
         return marks
     levels = [time_name(level) for level in row.about.levels]

@@ -22,6 +22,15 @@ if (name) {
 }
 """
 
+HELLO = """
+<p><b>From a recorded step response to a transfer function.</b></p>
+<p>Load a file with columns for time and output, best with the input too (CSV, Excel, MAT), or a
+picture of a plot. The step is found, models are fitted and ranked. Then drag what was found
+wrongly: the time of the step, the levels, the times that a method reads, its tangent. Tick the
+models that you want to see, and take away a report, numbers, code or a picture.</p>
+<p>Nothing leaves this machine.</p>
+"""
+
 WIDE: Any = {"sizing_mode": "stretch_width"}
 
 
@@ -69,6 +78,8 @@ class Widgets:
             "background": "#fff4e0", "border-left": "4px solid #e0a341", "padding": "8px 12px",
             "font-size": "14px", "width": "100%", "overflow-wrap": "anywhere",
         }  # fmt: skip
+        self.hello = Div(text=HELLO, **WIDE)
+        self.hello.styles = {"font-size": "15px", "color": "#16202b", "max-width": "44em"}
         self.state = Div(text="", visible=False, disable_math=True)
         self.state.styles = {"font-size": "14px", "color": "#0b2a4a", "padding": "4px 0"}
         self.details = Div(text="", disable_math=True, **WIDE)
@@ -94,7 +105,8 @@ class Widgets:
         ]
         return DataTable(
             source=self.rows, columns=columns, selectable="checkbox", index_position=None,
-            height=180, autosize_mode="none", row_height=26, sizing_mode="stretch_width",
+            height=180, autosize_mode="none", row_height=26, reorderable=False,
+            sizing_mode="stretch_width",
         )  # fmt: skip
 
     def layout(self, charts: Any) -> Any:
@@ -103,7 +115,7 @@ class Widgets:
         from bokeh.models import Div
 
         def title(text: str) -> Any:
-            styles = {"font-size": "15px", "font-weight": "600", "color": "#0b2a4a"}
+            styles: Any = {"font-size": "15px", "font-weight": "600", "color": "#0b2a4a"}
             return Div(text=text, styles=styles, margin=(12, 5, 2, 5))
 
         x_left, x_right, y_lower, y_upper = self.axes.values()
@@ -118,9 +130,12 @@ class Widgets:
             title("4  Take away"), *self.exports.values(),
             styles={"flex": "1 1 260px", "max-width": "100%"}, width=270, name="actions",
         )  # fmt: skip
+        self.results = column(
+            charts.response, charts.input, charts.residuals, self.table, self.lost,
+            self.chart, charts.bars, charts.pie, self.details, visible=False, **WIDE
+        )  # fmt: skip
         right = column(
-            self.message, self.state, charts.response, charts.input, charts.residuals,
-            self.table, self.lost, self.details, self.chart, charts.bars, charts.pie,
+            self.message, self.state, self.hello, self.results,
             styles={"flex": "100 1 340px", "min-width": "0"}, sizing_mode="stretch_width",
             name="results",
         )  # fmt: skip

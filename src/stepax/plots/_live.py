@@ -32,7 +32,7 @@ def has_bokeh() -> bool:
 
 def panel(height: int, y_label: str, **options: Any) -> Any:
     """An empty picture as wide as the page, with zoom by a box, and by the wheel if wished."""
-    from bokeh.models import PlainText
+    from bokeh.models import InlineStyleSheet, PlainText
     from bokeh.plotting import figure
 
     plot = figure(
@@ -40,6 +40,9 @@ def panel(height: int, y_label: str, **options: Any) -> Any:
         active_drag="box_zoom", active_scroll=None, min_border_left=70, **options,
     )  # fmt: skip
     plot.yaxis.axis_label = PlainText(text=y_label)
+    # Bokeh's first paint, squeezed before its width is known, stays in the first column of pixels.
+    cover = "content: ''; position: absolute; inset: 0 auto 0 0; width: 3px; z-index: 10;"
+    plot.stylesheets = [InlineStyleSheet(css=f":host::before {{ {cover} background: #fff; }}")]
     plot.toolbar.logo = None
     plot.toolbar.autohide = True
     plot.outline_line_color = None
@@ -135,17 +138,25 @@ MARKS |= {"P": "plus", "X": "x"}
 """Names of matplotlib's marks."""
 
 
-def response_panels(labels: Labels) -> tuple[Any, Any, Any]:
-    """Empty pictures of the response, the input and the residuals, sharing the axis of time."""
+def response_panels(
+    labels: Labels, fixed: tuple[float, float] | None = None
+) -> tuple[Any, Any, Any]:
+    """Empty pictures of the response, the input and the residuals, sharing the axis of time.
+
+    `fixed`: ends of all axes, which then do not follow what is drawn.
+    """
     from bokeh.models import PlainText
 
-    response = panel(380, named(labels.output, "output"))
-    shared = {"x_range": response.x_range}
+    options = {} if fixed is None else {"x_range": fixed, "y_range": fixed}
+    response = panel(380, named(labels.output, "output"), **options)
+    own = {} if fixed is None else {"y_range": fixed}
+    shared = {"x_range": response.x_range} | own
     unit = unit_of(labels.input)
     below = panel(95, f"input ({unit})" if unit else "input", **shared)
     unit = unit_of(labels.output)
     residuals = panel(180, f"residual ({unit})" if unit else "residual", **shared)
-    below.y_range.range_padding = 0.25  # pyright: ignore[reportAttributeAccessIssue]
+    if fixed is None:
+        below.y_range.range_padding = 0.25
     below.yaxis.ticker.desired_num_ticks = 2  # pyright: ignore[reportAttributeAccessIssue]
     residuals.xaxis.axis_label = PlainText(text=named(labels.time, "time"))
     for plot in (response, below):

@@ -38,10 +38,7 @@ figcaption { color: var(--quiet); font-size: .88rem; }
 .narrow { display: none; }
 .plots { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(100%, 25rem), 1fr));
   gap: 0 2rem; }
-/* Bokeh's first paint, squeezed before its width is known, stays in the first column of pixels. */
-.live { display: none; position: relative; }
-.live::before { content: ""; position: absolute; inset: 0 auto 0 0; width: 3px; background: #fff;
-  z-index: 10; }
+.live { display: none; }
 .notes { padding: 0; margin: .4rem 0; list-style: none; }
 .notes li { border-left: 3px solid #e0a341; padding: .1rem 0 .1rem .8rem; margin: .55rem 0; }
 .notes b { display: block; color: var(--warn); font-weight: 600; }
