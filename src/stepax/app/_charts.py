@@ -49,7 +49,7 @@ class Charts:
         curves: Any = {"xs": [], "ys": [], "color": [], "dash": [], "width": [], "method": []}
         self.models, self.away = ColumnDataSource(curves), ColumnDataSource(curves)
         self.tangent = ColumnDataSource(empty)
-        marks = ("x", "y", "mark", "label", "away")
+        marks = ("x", "y", "mark", "label", "away", "aside", "align")
         nothing: Any = {name: [] for name in marks}
         self.handles = ColumnDataSource(nothing)
         self.points = self.response.scatter(
@@ -66,7 +66,8 @@ class Charts:
             line_color=ORANGE, line_width=2.2, hit_dilation=1.6,
         )  # fmt: skip
         self.response.text(
-            "x", "y", text="label", source=self.handles, x_offset=9, y_offset="away",
+            "x", "y", text="label", source=self.handles, x_offset="aside", y_offset="away",
+            text_align="align",
             text_font_size="11px", text_color=ORANGE,
         )  # fmt: skip
         self.tool = PointDrawTool(renderers=[handles], add=False, description="Drag a mark")
@@ -160,6 +161,8 @@ class Charts:
             "mark": list(marks),
             "label": [HANDLES.get(mark, f"{mark[1:].replace('_', '.')} %") for mark in marks],
             "away": [22 if mark in BELOW else -9 for mark in marks],
+            "aside": [-4 if mark == "final" else 9 for mark in marks],
+            "align": ["right" if mark == "final" else "left" for mark in marks],
         }
         ends = [marks[name] for name in ("Tu", "Tg") if name in marks]
         self.tangent.data = {"x": [time for time, _ in ends], "y": [level for _, level in ends]}

@@ -119,7 +119,7 @@ class Page:
 
     def _read_picture(self) -> None:
         try:
-            options = self.widgets.axes_of_picture()
+            options = self.widgets.options_of_picture()
         except ValueError as error:
             self._say(error)
             return

@@ -113,9 +113,8 @@ def offered(state: State, name: str, content: bytes) -> State:
 
 
 def read(state: State, **options: Any) -> State:
-    """The record of the file offered, by options that a person chose; None takes one back."""
+    """The record of the file offered, by options that a person chose beside those before."""
     reading = state.reading | options
-    reading = {key: value for key, value in reading.items() if value is not None}
     reader: Callable[..., StepRecord] = trace_image if state.is_picture else read_record
     base = reader(_file(state), **reading)
     return dataclasses.replace(

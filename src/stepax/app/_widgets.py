@@ -63,6 +63,8 @@ class Widgets:
             for name, title in AXES.items()
             for end in (("left", "right") if name == "x_range" else ("lower", "upper"))
         }
+        self.at = TextInput(title="step at x, empty: find it", width=120)
+        self.size = TextInput(title="size of the step", value="1", width=120)
         self.read_picture = Button(label="Read the picture", button_type="primary", **WIDE)
         self.group = Select(title="methods", options=list(GROUPS), value=GROUPS[0], **WIDE)
         self.methods = MultiChoice(
@@ -120,7 +122,12 @@ class Widgets:
 
         x_left, x_right, y_lower, y_upper = self.axes.values()
         self.picture = column(
-            row(x_left, x_right), row(y_lower, y_upper), self.read_picture, visible=False, **WIDE
+            row(x_left, x_right),
+            row(y_lower, y_upper),
+            row(self.at, self.size),
+            self.read_picture,
+            visible=False,
+            **WIDE,
         )
         left = column(
             title("1  Record"), self.file, self.example, *self.columns.values(), self.step,
@@ -130,9 +137,11 @@ class Widgets:
             title("4  Take away"), *self.exports.values(),
             styles={"flex": "1 1 260px", "max-width": "100%"}, width=270, name="actions",
         )  # fmt: skip
+        # A column of its own: Bokeh aligns the axes of pictures that stand in one.
+        pictures = column(charts.response, charts.input, charts.residuals, **WIDE)
         self.results = column(
-            charts.response, charts.input, charts.residuals, self.table, self.lost,
-            self.chart, charts.bars, charts.pie, self.details, visible=False, **WIDE
+            pictures, self.table, self.lost,
+            self.chart, column(charts.bars, charts.pie, **WIDE), self.details, visible=False, **WIDE
         )  # fmt: skip
         right = column(
             self.message, self.state, self.hello, self.results,
@@ -161,16 +170,21 @@ class Widgets:
         self.step.value = str(state.reading.get("step", "") or "")
         self.step.visible = count > 1
 
-    def axes_of_picture(self) -> dict[str, tuple[float, float]]:
-        """Values at the edges of a picture's axes, as a person typed them."""
-        numbers = []
-        for field in self.axes.values():
-            text = field.value.strip().replace(",", ".")
-            try:
-                numbers.append(float(text))
-            except ValueError:
-                raise ValueError(
-                    f"{field.title} of the axes must be a number, got {text!r}: type the values at"
-                    " the four edges of the axes."
-                ) from None
-        return {"x_range": (numbers[0], numbers[1]), "y_range": (numbers[2], numbers[3])}
+    def options_of_picture(self) -> dict[str, Any]:
+        """What is to be told of a picture, as a person typed it: edges of the axes, and the step."""
+        fields = [*self.axes.values(), self.size]
+        x0, x1, y0, y1, size = (_number(field.title, field.value) for field in fields)
+        at = _number(self.at.title, self.at.value) if self.at.value.strip() else None
+        axes = {"x_range": (x0, x1), "y_range": (y0, y1)}
+        return {**axes, "step_time": at, "step_size": size}
+
+
+def _number(title: str, text: str) -> float:
+    """A number with a decimal point or comma."""
+    try:
+        return float(text.strip().replace(",", "."))
+    except ValueError:
+        raise ValueError(
+            f"{title!r} must be a number, got {text!r}: type the values at the four edges of the"
+            " axes, and the size of the step."
+        ) from None

@@ -4,8 +4,9 @@ A source becomes a table of named columns, which are time, output and input; the
 the input, and the rows that belong to it are the record. What is wrong is said in one sentence.
 """
 
+from io import BufferedIOBase
 from os import PathLike
-from typing import TYPE_CHECKING, Any, BinaryIO, SupportsFloat, SupportsIndex
+from typing import TYPE_CHECKING, Any, SupportsFloat, SupportsIndex
 
 import jax.numpy as jnp
 import numpy as np
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def read_record(
-    path: "str | PathLike | BinaryIO | pd.DataFrame | pd.Series",
+    path: "str | PathLike | BufferedIOBase | pd.DataFrame | pd.Series",
     time: str | SupportsIndex | None = None,
     output: str | SupportsIndex | None = None,
     input: str | SupportsIndex | None = None,

@@ -8,8 +8,9 @@ import importlib
 import io
 import re
 from collections.abc import Sequence
+from io import BufferedIOBase
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -65,17 +66,17 @@ def frame_table(frame: "pd.DataFrame | pd.Series") -> Table:
     return Table("", names, columns, "row", range(1, len(frame) + 1))
 
 
-def opened(source: Any) -> Path | BinaryIO:
+def opened(source: Any) -> Path | BufferedIOBase:
     """A path, or a binary file that is open, such as one in memory, as it is."""
     return source if hasattr(source, "read") else Path(source)
 
 
-def file_name(source: Path | BinaryIO) -> str:
+def file_name(source: Path | BufferedIOBase) -> str:
     """Name of a file, without its folder; of one in memory its `name`, if it has any."""
     return Path(str(getattr(source, "name", "file"))).name
 
 
-def file_content(path: Path | BinaryIO) -> bytes:
+def file_content(path: Path | BufferedIOBase) -> bytes:
     """Bytes of a file that is not empty."""
     try:
         content = path.read_bytes() if isinstance(path, Path) else path.read()
@@ -88,7 +89,7 @@ def file_content(path: Path | BinaryIO) -> bytes:
     return content
 
 
-def file_table(path: Path | BinaryIO) -> Table:
+def file_table(path: Path | BufferedIOBase) -> Table:
     """Columns of a file, whose kind its content tells."""
     content, name = file_content(path), file_name(path)
     if name.lower().endswith(".mat") or content.startswith(b"MATLAB"):

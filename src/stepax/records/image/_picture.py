@@ -1,9 +1,9 @@
 """A picture from a file, as numbers; what cannot be read is said in one sentence."""
 
 import warnings
-from io import BytesIO
+from io import BufferedIOBase, BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,7 +43,7 @@ class Picture(NamedTuple):
         return self.pixels.shape[1]
 
 
-def load(path: Path | BinaryIO) -> Picture:
+def load(path: Path | BufferedIOBase) -> Picture:
     """The picture in a file; transparent parts are as on paper. **Raises** `ValueError`, `OSError`.
 
     A light drawing on a transparent ground was meant for a dark one, and gets it.

@@ -1,8 +1,9 @@
 """From a picture of a plot to a record: what a picture shows, and what it is in values."""
 
 from collections.abc import Sequence
+from io import BufferedIOBase
 from os import PathLike
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -70,7 +71,7 @@ class Finding(NamedTuple):
 
 
 def trace_image(
-    path: str | PathLike | BinaryIO,
+    path: str | PathLike | BufferedIOBase,
     *,
     x_range: Pair | None = None,
     y_range: Pair | None = None,
@@ -119,7 +120,7 @@ def trace_image(
 
 
 def read_picture(
-    path: str | PathLike | BinaryIO,
+    path: str | PathLike | BufferedIOBase,
     color: Any = None,
     box: Any = None,
 ) -> Finding:
