@@ -136,11 +136,21 @@ class Tab:
         """Press at one place, move in steps, release at another."""
         await self.mouse("mouseMoved", *start)
         await self.mouse("mousePressed", *start, 1)
-        for share in (0.1, 0.3, 0.6, 0.9, 1.0):
+        for share in (0.05, 0.2, 0.4, 0.6, 0.8, 1.0):
             x, y = (a + share * (b - a) for a, b in zip(start, end, strict=True))
             await self.mouse("mouseMoved", x, y, 1)
             await asyncio.sleep(0.03)
         await self.mouse("mouseReleased", *end)
+
+    async def attach(self, element: str, path: Path) -> None:
+        """Choose a file in the field that an expression gives."""
+        found = await self.call("Runtime.evaluate", expression=element)
+        field = found["result"]["objectId"]
+        await self.call("DOM.setFileInputFiles", files=[str(path)], objectId=field)
+
+    async def keep_downloads(self, folder: Path) -> None:
+        """Files that a page hands over go to a folder."""
+        await self.call("Page.setDownloadBehavior", behavior="allow", downloadPath=str(folder))
 
     async def screenshot(self, path: Path, whole: bool = True) -> None:
         """The page as PNG: all of it, or what the window shows."""

@@ -13,8 +13,14 @@ from ._state import MOST_BYTES, State, compared, example, glanced, methods_of, o
 MOST_MESSAGE = MOST_BYTES * 4 // 3 + 1_000_000
 """Bytes of one message from a page: a file of `MOST_BYTES` in base 64, and what is around it."""
 
-WARM = (("quick look", False), ("quick look", True), ("all", False), ("all", True))
-"""What is compiled beforehand, in this order: groups of methods, and whether with known levels."""
+WARM = (
+    ("quick look", False, glanced), ("quick look", False, compared), ("quick look", True, glanced),
+    ("quick look", True, compared), ("all", False, compared), ("all", True, compared),
+)  # fmt: skip
+"""What is compiled beforehand, in this order: groups, whether with known levels, and how much.
+
+What a person asks for waits for no more than one of them.
+"""
 
 TEMPLATE = """
 {% block preamble %}
@@ -90,7 +96,7 @@ class App:
         loop.add_callback(loop.stop)
 
 
-def _compile(group: str, held: bool) -> None:
+def _compile(group: str, held: bool, compare: Callable[[State], State]) -> None:
     """A comparison of a group on the example: what it compiles serves every other record.
 
     `held`: with known levels, which is another program.
@@ -98,7 +104,7 @@ def _compile(group: str, held: bool) -> None:
     state = read(offered(State(methods=methods_of(group)), *example()))
     if held:
         state = dataclasses.replace(state, levels={"initial": 22.0, "final": 54.0})
-    compared(glanced(state))
+    compare(state)
 
 
 def serve(file: Path | None, browser: bool, port: int = 0) -> None:

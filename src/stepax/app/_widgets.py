@@ -171,7 +171,7 @@ class Widgets:
         self.step.visible = count > 1
 
     def options_of_picture(self) -> dict[str, Any]:
-        """What is to be told of a picture, as a person typed it: edges of the axes, and the step."""
+        """What a person typed of a picture: the edges of its axes, and the step."""
         fields = [*self.axes.values(), self.size]
         x0, x1, y0, y1, size = (_number(field.title, field.value) for field in fields)
         at = _number(self.at.title, self.at.value) if self.at.value.strip() else None
@@ -179,7 +179,7 @@ class Widgets:
         return {**axes, "step_time": at, "step_size": size}
 
 
-def _number(title: str, text: str) -> float:
+def _number(title: Any, text: str) -> float:
     """A number with a decimal point or comma."""
     try:
         return float(text.strip().replace(",", "."))
