@@ -26,6 +26,7 @@ ROOMS = (
     "plots",
     "_notes",
     "summary",
+    "report",
     "_result",
     "fitting",
     "methods",
@@ -34,12 +35,12 @@ ROOMS = (
     "_compare",
     "study",
     "layer",
-    "report",
+    "_setup",
+    "app",
     "_cli_picture",
     "_cli_study",
     "_options",
     "_cli",
-    "app",
 )
 """Rooms of the house, from the ground up: a room imports only from those before it."""
 

@@ -8,9 +8,11 @@ import contextlib
 import functools
 import logging
 import os
+import shlex
 import sys
 import warnings
 from collections.abc import Callable
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -29,16 +31,19 @@ from ._options import (
     Json,
     Number,
     Plot,
+    Report,
     grouped,
     read,
     read_file,
     waiting,
 )
+from ._setup import set_up_jax as set_up_jax
 from .report._files import Outputs
 
 
 if TYPE_CHECKING:
     from .records._abstract import AbstractRecord
+    from .report._origin import Origin
 
 
 app = typer.Typer(
@@ -83,6 +88,7 @@ def main() -> None:
 
 def run(arguments: list[str]) -> int:
     """Run one command line and return its exit code."""
+    _ARGUMENTS.set(tuple(arguments))
     try:
         code = app(arguments, prog_name="stepax", standalone_mode=False)
         return code if isinstance(code, int) else 0
@@ -125,7 +131,7 @@ def _command(function: Callable) -> Callable:
 def _plain_command(function: Callable) -> Callable:
     """A command that sets JAX up itself."""
 
-    @app.command()
+    @app.command(function.__name__.rstrip("_"))
     @functools.wraps(function)
     def command(*args, **kwargs):
         try:
@@ -138,31 +144,6 @@ def _plain_command(function: Callable) -> Callable:
             raise typer.Exit(2) from None
 
     return command
-
-
-def set_up_jax() -> None:
-    """Double precision, few optimisations, and compiled code kept between runs.
-
-    A command works on one record: compiling takes seconds, running milliseconds.
-    """
-    import jax
-
-    jax.config.update("jax_enable_x64", True)
-    # Only the time of a cold start depends on these, so no test would notice: optimising costs
-    # more than it saves on one record.
-    jax.config.update("jax_disable_most_optimizations", True)
-    if jax.__version_info__[:2] == (0, 10):  # an XLA that does not know a flag ends the process
-        flags = os.environ.get("XLA_FLAGS", "")
-        os.environ["XLA_FLAGS"] = f"{flags} --xla_cpu_use_fusion_emitters=false".strip()
-    if os.environ.get("JAX_COMPILATION_CACHE_DIR"):
-        return
-    with contextlib.suppress(OSError, RuntimeError):  # RuntimeError: there is no home
-        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "stepax"
-        folder.mkdir(parents=True, exist_ok=True)
-        if os.access(folder, os.W_OK):
-            jax.config.update("jax_compilation_cache_dir", str(folder))
-            # JAX keeps only what took a second or more; here hundreds of small functions add up.
-            jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.05)
 
 
 # Terminal
@@ -193,6 +174,17 @@ def _heading(record: "AbstractRecord", example: str | None) -> str:
     return f"{record_line(record)}\n{SIMULATED}" if example else record_line(record)
 
 
+_ARGUMENTS: ContextVar[tuple[str, ...]] = ContextVar("arguments of the command line", default=())
+
+
+def _origin(example: str | None, reading: dict[str, Any]) -> "Origin":
+    """What a report says of where it comes from."""
+    from .report._origin import Origin
+
+    command = shlex.join(["stepax", *_ARGUMENTS.get()])
+    return Origin(command, SIMULATED if example else "", reading["step"])
+
+
 # Commands
 
 
@@ -210,6 +202,7 @@ def identify(
     all_rows: AllRows = False,
     plot: Plot = None,
     json: Json = None,
+    report: Report = None,
     csv: Annotated[Path | None, typer.Option(help="Several files: write the table as CSV.")] = None,
     example: Example = None,
 ) -> None:
@@ -220,12 +213,12 @@ def identify(
     if files is not None and (len(files) > 1 or files[0].is_dir()):
         if json or example:
             raise ValueError("Several files give a table: --csv OUT.csv, and --plot FOLDER.")
-        _identify_files(files, reading, method, options, plot, csv)
+        _identify_files(files, reading, method, options, plot, csv, report)
     elif csv is not None:
         raise ValueError("--csv is for several files; of one --json has all numbers.")
     else:
         file = files[0] if files else None
-        _identify_file(file, example, reading, method, options, Outputs(plot, json))
+        _identify_file(file, example, reading, method, options, Outputs(plot, json, report))
 
 
 def _identify_file(
@@ -240,6 +233,8 @@ def _identify_file(
     from ._identify import identify as identify_record
     from ._status import Status, refused
     from .report._content import to_json
+    from .report._html import html
+    from .report._pages import result_page
     from .report._terminal import report
 
     outputs.check(file)
@@ -248,7 +243,11 @@ def _identify_file(
         result = identify_record(record, method, **options)
         if bool(refused(result.status)):
             raise ValueError(f"{record.labels.source}: {Status[result.status]}")
-        written = outputs.write(result.plot, lambda: to_json(result))
+        written = outputs.write(
+            result.plot,
+            lambda: to_json(result),
+            lambda: html(result_page(result, result.method, _origin(example, reading))),
+        )
     said = report(result, result.method, reading["step"])
     _show(_heading(record, example), said, written=written)
 
@@ -260,18 +259,22 @@ def _identify_files(
     options: dict[str, Any],
     plots: Path | None,
     csv: Path | None,
+    page: Path | None,
 ) -> None:
     """Several files, or the CSV files of folders: a row each, and if wished a picture each."""
     from ._identify_each import Identifications, each_of
     from .report._content import table_of_files
-    from .report._files import check_folder, check_table, write_pictures, write_table
+    from .report._files import Outputs, check_folder, write_pictures, write_table
+    from .report._html import html
+    from .report._pages import files_page
     from .report._terminal import table
 
     paths = [path for x in files for path in (sorted(x.glob("*.csv")) if x.is_dir() else [x])]
     if not paths:
         raise FileNotFoundError(f"There are no CSV files in {', '.join(map(str, files))}.")
     check_folder(plots)
-    check_table(csv, paths)
+    for path in paths:
+        Outputs(None, csv, page).check(path)
     readers = [(str(path), functools.partial(read_file, path, reading)) for path in paths]
     shown = sys.stderr.isatty()
     found = Identifications(each_of(readers, method, shown, options))
@@ -279,6 +282,9 @@ def _identify_files(
         first = found.outcomes[0]
         raise ValueError(f"No file could be used; {first.source}: {first.reason}")
     written = write_pictures(found.outcomes, plots) + write_table(found, csv)
+    written += Outputs(None, None, page).write(
+        lambda: None, lambda: None, lambda: html(files_page(found.outcomes, _origin(None, reading)))
+    )
     _show(table(table_of_files(found.outcomes)), written=written)
 
 
@@ -293,17 +299,20 @@ def compare(
     kind: Annotated[str, typer.Option(help="Plot: response, bar or pie.")] = "response",
     plot: Plot = None,
     json: Json = None,
+    report: Report = None,
     example: Example = None,
 ) -> None:
     """Identify by all methods and rank the models."""
     from ._compare import check_group, check_kind, compare as compare_methods
     from ._notes import notes_of
     from .report._content import to_json
+    from .report._html import html
+    from .report._pages import comparison_page
     from .report._terminal import comparison_report
 
     check_group(group)
     check_kind(kind)
-    outputs = Outputs(plot, json)
+    outputs = Outputs(plot, json, report)
     outputs.check(file)
     names = None if methods is None else [name.strip() for name in methods.split(",")]
     record = read(file, example, reading)
@@ -319,6 +328,7 @@ def compare(
         written = outputs.write(
             lambda: comparison.plot(group, kind),
             lambda: [to_json(row.result, row.method) for row in kept],
+            lambda: html(comparison_page(comparison, group, _origin(example, reading))),
         )
     notes = [f"Note: {text}" for text in notes_of(kept[0].result, reading["step"])]
     _show(_heading(record, example), comparison_report(comparison, group), *notes, written=written)
@@ -336,6 +346,18 @@ def trace(*args: Any, **kwargs: Any) -> None:
 @functools.wraps(run_study)
 def study(*args: Any, **kwargs: Any) -> None:
     _show(*run_study(*args, **kwargs))
+
+
+@_command
+def app_(
+    file: File = None,
+    browser: Annotated[bool, typer.Option(help="Open the page in a browser.")] = True,
+    port: Annotated[int, typer.Option(help="Port on this machine; 0: a free one.")] = 0,
+) -> None:
+    """Identify with buttons: a page on this machine, with marks to drag (stepax[app])."""
+    from .app._server import serve
+
+    serve(file, browser, port)
 
 
 @_command

@@ -1,8 +1,11 @@
 """Several methods on one record, ranked; host code."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import count
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
@@ -12,8 +15,9 @@ from ._compilation import quick_compilation, side_by_side
 from ._identify import aicc_of, filled_record, identify, parameter_count, refuse_tracers
 from ._result import Identification, conclude
 from ._status import Status, refused, status_name
-from .methods import FITS, METHODS, ROWS, SCANS, read_by_all
+from .methods import FITS, METHODS, ROWS, SCANS, as_by_hand, read_by_all
 from .methods._method import Method
+from .methods._reading import ByHand
 from .models._abstract import AbstractPlant
 from .models._deviation import squared_deviation
 from .models._notation import transfer_function
@@ -25,6 +29,8 @@ from .records._thin import thinned
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from .plots._comparison import Entry
 
 GROUPS = ("all", "first", "second", "nth")
 """Groups of models that a comparison can be narrowed to."""
@@ -95,6 +101,26 @@ class Comparison:
             for row in self.rows
         )
 
+    def entries(self, group: str = "all") -> list["Entry"]:
+        """The models of a group as pictures take them, the best first."""
+        from .plots._comparison import Entry
+
+        return [
+            Entry(r.method, r.result.model, r.fit_percent, r.J, level_marks(r), tangent_ends(r))
+            for r in self.models(group)
+        ]
+
+    def report(self, path: str | PathLike, group: str = "all") -> None:
+        """Write a page to hand over: one HTML file with the ranking and the best model in full.
+
+        As `Identification.report`, for the models of a group.
+        """
+        from .report._files import write_page
+        from .report._html import html
+        from .report._pages import comparison_page
+
+        write_page(html(comparison_page(self, group)), Path(path))
+
     def plot(self, group: str = "all", kind: str = "response", **options: Any):
         """Models of a group as a matplotlib figure.
 
@@ -103,17 +129,14 @@ class Comparison:
         **Options:** `title`, instead of the name of the file; `size` in inches; `count`, how many
         models a response shows, at most 7.
         """
-        from .plots._comparison import MOST_DRAWN, Entry, plot_comparison, plot_ranking
+        from .plots._comparison import MOST_DRAWN, plot_comparison, plot_ranking
 
         check_kind(kind)
         rows = self.models(group)
         if not rows:
             what = "model" if group == "all" else f"model of {_GROUP_NAMES[group]}"
             raise ValueError(f"The comparison has no {what} to draw.")
-        entries = [
-            Entry(r.method, r.result.model, r.fit_percent, r.J, level_marks(r), tangent_ends(r))
-            for r in rows
-        ]
+        entries = self.entries(group)
         if kind == "response":
             count = min(options.get("count", MOST_DRAWN), len(rows))
             title = _title(self.record, group, f"best {count} of {len(rows)} models")
@@ -128,6 +151,8 @@ def compare(
     plant: AbstractPlant | None = None,
     *,
     all_rows: bool = False,
+    marks: Mapping[str, float] | None = None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> Comparison:
     r"""Several methods on one record, ranked by J (integral of the squared error).
 
@@ -136,6 +161,10 @@ def compare(
     (a simulation); then J is the integral of the squared deviation from its response from the step
     to infinity, and RMSE and fit count the deviation from it at the times of the record.
     `all_rows`: as in `identify`.
+    `marks`: times that a person read off the record, from the step, which point methods use instead
+    of their own: by the names that results have them under in `.details`, such as
+    `{"t33": 8.1, "Tu": 2.5}`. Levels read by hand belong into the record (`initial`, `final`).
+    `progress`: called with how many parts of the work are done, and how many there are.
 
     **Returns:** `Comparison`; equal J are ranked by RMSE. Where a model and the plant settle at
     different levels J to infinity is infinite, and the reason says so. On the host only: traced,
@@ -155,13 +184,19 @@ def compare(
     if not names:
         raise ValueError(f"compare needs at least one method; known are {', '.join(METHODS)}.")
     record = record if all_rows else thinned(record)
-    results = _results(record, names)
+    by_hand = None if marks is None else as_by_hand(marks, record.t.dtype)
+    results = _results(record, names, by_hand, progress)
     rows = [_row(name, results[name], plant) for name in names]
     rows.sort(key=lambda row: (np.isnan(row.J), row.J, row.rmse))
     return Comparison(record, tuple(rows))
 
 
-def _results(record: AbstractRecord, names: Sequence[str]) -> dict[str, Identification]:
+def _results(
+    record: AbstractRecord,
+    names: Sequence[str],
+    by_hand: ByHand | None,
+    progress: Callable[[int, int], object] | None,
+) -> dict[str, Identification]:
     """Results by method: fits side by side, scans of the dead time and all others as one each."""
     chosen = [name for name in METHODS if name in names and name not in FITS]
     scans = tuple(name for name in chosen if name in SCANS)
@@ -169,7 +204,7 @@ def _results(record: AbstractRecord, names: Sequence[str]) -> dict[str, Identifi
     alone = [name for name in names if name not in chosen]
 
     def read(together: tuple[str, ...]) -> dict[str, Identification]:
-        found = read_by_all(filled_record(record), together)
+        found = read_by_all(filled_record(record), together, by_hand)
         return {
             name: dataclasses.replace(
                 x, record=record, details=x.details | record.details, method=name
@@ -182,8 +217,23 @@ def _results(record: AbstractRecord, names: Sequence[str]) -> dict[str, Identifi
 
     with quick_compilation():  # what compiles longest begins
         readings = [partial(read, together) for together in (others, scans) if together]
-        parts = side_by_side([*readings, *(partial(fit, name) for name in reversed(alone))])
+        tasks = [*readings, *(partial(fit, name) for name in reversed(alone))]
+        parts = side_by_side(tasks if progress is None else _told(tasks, progress))
     return {name: result for part in parts for name, result in part.items()}
+
+
+def _told(
+    tasks: Sequence[Callable[[], Any]], progress: Callable[[int, int], object]
+) -> list[Callable[[], Any]]:
+    """Tasks that tell when they are done."""
+    done = count(1)
+
+    def told(task: Callable[[], Any]) -> Any:
+        result = task()
+        progress(next(done), len(tasks))
+        return result
+
+    return [partial(told, task) for task in tasks]
 
 
 def _row(name: str, result: Identification, plant: AbstractPlant | None) -> Row:

@@ -27,6 +27,9 @@ Files = Annotated[
 ]
 Plot = Annotated[Path | None, typer.Option(help="Write a plot: PNG, PDF, SVG, ...")]
 Json = Annotated[Path | None, typer.Option("--json", help="Write the result as JSON.")]
+Report = Annotated[
+    Path | None, typer.Option("--report", help="Write a page to hand over, as HTML.")
+]
 Example = Annotated[str | None, typer.Option(help="Use a record of the package: heater.")]
 AllRows = Annotated[
     bool, typer.Option("--all-rows", help="Use every row of a long log, however long it takes.")

@@ -1,6 +1,8 @@
 """What every method returns: a status, and an identified model with its quality."""
 
 import json
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import equinox as eqx
@@ -166,6 +168,18 @@ class Identification(eqx.Module):
 
     def _repr_html_(self) -> str | None:
         return as_html(self) if _is_one(self) else None
+
+    def report(self, path: str | PathLike) -> None:
+        """Write a page to hand over: one HTML file with pictures, parameters, notes and code.
+
+        It needs nothing beside it, neither a network nor scripts. With the extra `stepax[app]` its
+        pictures have zoom and hover on a screen. `path` must end in .html.
+        """
+        from .report._files import write_page
+        from .report._html import html
+        from .report._pages import result_page
+
+        write_page(html(result_page(self)), Path(path))
 
     def plot(self, *, title: str | None = None, size: tuple[float, float] = (8.0, 5.0)):
         """Record, model and residuals as a matplotlib figure; `size` in inches.

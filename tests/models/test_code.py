@@ -67,3 +67,12 @@ def test_a_real_order_has_no_code():
     for style in ("matlab", "python-control"):
         with pytest.raises(ValueError, match=r"a real order, 2\.5,"):
             transfer_function(model, style)
+
+
+@each
+def test_scipy_code_runs(model):
+    names = {}
+    model = with_delay(model, 1.5)
+    exec(transfer_function(model, "scipy"), names)
+    found = names["G"].freqresp(OMEGA)[1] * np.exp(-1j * OMEGA * names["delay"])
+    np.testing.assert_allclose(found, model.frequency_response(OMEGA), rtol=1e-7)

@@ -1,6 +1,10 @@
 """Identification methods by name: each takes a record and options and returns an Identification."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
 
 from .._compilation import compiled
 from .._result import Identification
@@ -28,7 +32,7 @@ from ._lookup import (
 )
 from ._method import Method, compiled_method
 from ._rdkam import rdkam, rdkam_fopdt, rdkam_oscillatory, rdkam_sopdt
-from ._reading import shared_readings
+from ._reading import ByHand, shared_readings, time_name
 from ._regression import wang_guo_zhang
 from ._tables import LATZEL_LEVELS, latzel, strejc
 from ._tangents import ONE_LAG, oldenbourg_sartorius, tangent_63, ziegler_nichols_tangent
@@ -132,9 +136,34 @@ MODELS: dict[str, type[AbstractPlant]] = {name: row.gives for name, row in ROWS.
 """The class of models that each method gives; `smith(underdamped=True)` alone gives a SOPDT."""
 
 
+ALL_LEVELS = sorted({level for row in ROWS.values() for level in row.levels})
+"""Levels that some method reads."""
+
+
 @compiled
-def read_by_all(record: StepRecord, names: tuple[str, ...]) -> list[Identification]:
-    """Results of several methods that are no fits, as one: what they share is read once."""
+def read_by_all(
+    record: StepRecord, names: tuple[str, ...], by_hand: ByHand | None = None
+) -> list[Identification]:
+    """Results of several methods that are no fits, as one: what they share is read once.
+
+    `by_hand` has times of `ALL_LEVELS`.
+    """
     plain = {method.__name__: method for method in _ROWS}
-    with shared_readings(record, [level for name in names for level in ROWS[name].levels]):
+    levels = [level for name in names for level in ROWS[name].levels]
+    with shared_readings(record, levels if by_hand is None else ALL_LEVELS, by_hand):
         return [plain[name](record) for name in names]
+
+
+def as_by_hand(marks: Mapping[str, float], dtype: Any) -> ByHand:
+    """Times read by hand, from the step, by their names in `.details`: t33, Tu, Tg.
+
+    A `ValueError` for a name that no method reads, or a time that is no number.
+    """
+    names = [*map(time_name, ALL_LEVELS), "Tu", "Tg"]
+    for name, value in marks.items():
+        if name not in names:
+            raise ValueError(f"No method reads a mark {name!r}; known are {', '.join(names)}.")
+        if not np.isfinite(value):
+            raise ValueError(f"The mark {name!r} must be a time, got {value!r}.")
+    *times, Tu, Tg = (jnp.asarray(marks.get(name, np.nan), dtype) for name in names)
+    return ByHand(jnp.stack(times), Tu, Tg)

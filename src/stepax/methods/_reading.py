@@ -66,14 +66,26 @@ class OwnDelay(NamedTuple):
     status: Status
 
 
+class ByHand(NamedTuple):
+    """What a person read instead, counted from the step; NaN where nothing was.
+
+    `times`: of the levels that some method asks for, ascending. `Tu`, `Tg`: of the tangent.
+    """
+
+    times: Array
+    Tu: Array
+    Tg: Array
+
+
 class _Shared:
     """What methods that read the same record in one trace have already read.
 
     Keys are the span and what was read; `levels` are all that some method will ask for.
     """
 
-    def __init__(self, record: StepRecord, levels: Sequence[float]):
+    def __init__(self, record: StepRecord, levels: Sequence[float], by_hand: ByHand | None):
         self.record, self.levels = record, sorted(set(levels))
+        self.by_hand = by_hand
         self.found: dict[Any, Any] = {}
 
 
@@ -81,12 +93,15 @@ _SHARED: ContextVar[_Shared | None] = ContextVar("shared readings", default=None
 
 
 @contextlib.contextmanager
-def shared_readings(record: StepRecord, levels: Sequence[float]) -> Iterator[None]:
+def shared_readings(
+    record: StepRecord, levels: Sequence[float], by_hand: ByHand | None = None
+) -> Iterator[None]:
     """Within it, methods called with this very record read it once between them.
 
-    For several methods in one trace: nothing is traced, compiled or computed twice.
+    For several methods in one trace: nothing is traced, compiled or computed twice. `by_hand`
+    takes the place of what they would read.
     """
-    token = _SHARED.set(_Shared(record, levels))
+    token = _SHARED.set(_Shared(record, levels, by_hand))
     try:
         yield
     finally:
@@ -139,6 +154,11 @@ class Reading:
         Remembered as Tu, Tg, t_inflection.
         """
         line = self.once("tangent", lambda: tangent(self.safe))
+        if hand := self._by_hand:
+            Tu, Tg = (
+                jnp.where(jnp.isnan(x), y, x) for x, y in ((hand.Tu, line.Tu), (hand.Tg, line.Tg))
+            )
+            line = line._replace(Tu=Tu, Tg=Tg)
         found = jnp.isfinite(line.Tg) & (line.Tg > 0)
         status = Status.where(found, Status.successful, Status.no_inflection)
         self.remember(status, Tu=line.Tu, Tg=line.Tg, t_inflection=line.t_inflection)
@@ -166,7 +186,16 @@ class Reading:
         if not known or not set(levels) <= set(known):
             return crossing_times(self.safe, jnp.asarray(levels, dtype))
         every = lambda: crossing_times(self.safe, jnp.asarray(known, dtype))  # noqa: E731
-        return self.once("crossings", every)[np.array([known.index(level) for level in levels])]
+        times = self.once("crossings", every)
+        if hand := self._by_hand:
+            times = jnp.where(jnp.isnan(hand.times), times, hand.times)
+        return times[np.array([known.index(level) for level in levels])]
+
+    @property
+    def _by_hand(self) -> ByHand | None:
+        """What a person read of this record, where several methods read it together."""
+        shared = _SHARED.get()
+        return shared.by_hand if shared is not None and shared.record is self.record else None
 
     def remember(self, status: Status, **details: Array) -> None:
         """What else a method reads: whether that can be used, and what it is, by name."""

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ._abstract import AbstractPlant, Factor
+from ._export import polynomials
 
 
 # Numbers and transfer functions
@@ -120,9 +121,76 @@ def _digits(x: float) -> str:
     return f"{x:.10g}"
 
 
+def scipy_code(model: AbstractPlant) -> str:
+    """G(s) for SciPy, whose transfer functions have no dead time: it stands beside."""
+    if not _is_finite(model):
+        return "# none"
+    found = polynomials(model)
+    if found is None:
+        raise ValueError("a real order is no rational transfer function.")
+    above, below = (", ".join(map(_digits, x)) for x in found)
+    delay = _value(model.delay)
+    beside = f"; delay = {_digits(delay)}  # times exp(-delay s)" if delay else ""
+    return f"from scipy import signal; G = signal.TransferFunction([{above}], [{below}]){beside}"
+
+
+def transfer_function_mathml(model: AbstractPlant) -> str:
+    """G(s) as an HTML page sets it, in presentation MathML."""
+    if not _is_finite(model):
+        return "<math><mtext>none</mtext></math>"
+    above, below = (
+        "".join(
+            f"<msup><mrow>{_marked(base)}</mrow>{_marked(power)}</msup>" if power else _marked(base)
+            for base, power in _grouped(factors)
+        )
+        for factors in (model.numerator(), model.denominator())
+    )
+    numerator = _marked(number(model.gain)) + (above and SPACE + above)
+    if delay := _value(model.delay):
+        numerator += f"{SPACE}<msup><mi>e</mi><mrow>{_marked(number(-delay) + ' s')}</mrow></msup>"
+    body = f"<mrow>{numerator}</mrow>"
+    if below:
+        body = f"<mfrac>{body}<mrow>{below}</mrow></mfrac>"
+    alternative = transfer_function_text(model)
+    return (
+        f'<math display="block" alttext="{alternative}"><mrow class="name"><mi>G</mi>'
+        f'<mo stretchy="false">(</mo><mi>s</mi><mo stretchy="false">)</mo><mo>=</mo></mrow>'
+        f"{body}</math>"
+    )
+
+
+SPACE = '<mspace width="0.17em"/>'
+"""Between a number and what it multiplies."""
+
+_TOKEN = re.compile(r"(\d[\d.]*)(?:e([+-])0*(\d+))?|s\^(\d)|([s()+-])")
+
+
+def _marked(text: str) -> str:
+    """Numbers, s and signs of our own text as MathML, with invisible products."""
+    marked = ""
+    for digits, sign, exponent, power, symbol in _TOKEN.findall(text):
+        if digits:
+            marked += f"<mn>{digits}</mn>"
+            if exponent:
+                ten = f"{sign.strip('+').replace('-', '−')}{exponent}"
+                marked += f"<mo>·</mo><msup><mn>10</mn><mn>{ten}</mn></msup>"
+        elif power:
+            marked += SPACE * marked.endswith("</mn>")
+            marked += f"<msup><mi>s</mi><mn>{power}</mn></msup>"
+        elif symbol == "s":
+            marked += SPACE * marked.endswith("</mn>") + "<mi>s</mi>"
+        elif symbol in "()":
+            marked += f'<mo stretchy="false">{symbol}</mo>'
+        else:
+            marked += f"<mo>{symbol.replace('-', '−')}</mo>"
+    return f"<mrow>{marked}</mrow>"
+
+
 STYLES: dict[str, Callable[[AbstractPlant], str]] = {
     "text": transfer_function_text,
     "latex": transfer_function_latex,
+    "mathml": transfer_function_mathml,
+    "scipy": scipy_code,
     **{name: partial(code, language=language) for name, language in LANGUAGES.items()},
 }
 """Ways of writing a transfer function."""

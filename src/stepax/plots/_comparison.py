@@ -72,7 +72,34 @@ def plot_comparison(
     figure = Picture(figsize=size or (11.0, height), dpi=150, layout="constrained")
     grid = figure.add_gridspec(1, 2, width_ratios=[1.75, 1])
     left, right = (figure.add_subfigure(place) for place in grid)
-    response, residuals = response_panels(left, record)
+    _draw_responses(left, record, drawn, title, 2 if len(drawn) > 3 else 3)
+    _draw_bars(right.subplots(), entries, [color for _, (color, *_) in drawn], record)
+    return figure
+
+
+def plot_responses(
+    record: AbstractRecord,
+    entries: Sequence[Entry],
+    *,
+    count: int = MOST_DRAWN,
+    size: tuple[float, float],
+) -> Figure:
+    """The same without the ranking and a title."""
+    figure = Picture(figsize=size, dpi=150, layout="constrained")
+    drawn = list(zip(entries[:count], LOOKS, strict=False))
+    columns = 2 if size[0] > 6 else 1
+    _draw_responses(figure, rows_that_count(record), drawn, "", columns)
+    return figure
+
+
+def _draw_responses(
+    figure: Any, record: AbstractRecord, drawn: list[Any], title: str, columns: int
+) -> None:
+    """Record and models, each with its look, with marks and residuals, in a figure or part of one.
+
+    Drawn is what fits beside the record: a model that runs away is cut off.
+    """
+    response, residuals = response_panels(figure, record)
     draw_record(response, record)
     for place, (entry, (color, dashes, mark)) in enumerate(drawn):
         look: dict[str, Any] = {"color": color, "linestyle": dashes, "zorder": 3 + 0.1 * place}
@@ -86,10 +113,7 @@ def plot_comparison(
     finish(response, residuals, record)
     low, high = response.get_ylim()
     response.set_ylim(max(low, _floor(record)), min(high, _ceiling(record)))
-    columns = 2 if len(drawn) > 3 else 3
-    left.legend(loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
-    _draw_bars(right.subplots(), entries, [color for _, (color, *_) in drawn], record)
-    return figure
+    figure.legend(loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
 
 
 def plot_ranking(

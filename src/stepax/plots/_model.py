@@ -5,7 +5,8 @@ from the others in lightness or style, so that a print in grey can be read.
 """
 
 import dataclasses
-from typing import Any
+import textwrap
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -45,14 +46,16 @@ def plot_model(
     *,
     title: str,
     size: tuple[float, float] = (8.0, 5.0),
+    with_input: bool = False,
 ) -> Figure:
     """Record and model above, residuals below, on one axis of time; `size` in inches.
 
-    Between them the input, where it is no step. Without a model, the record alone.
+    Between them the input: of a sampled one, or the step too, `with_input`. Without a model, the
+    record alone.
     """
     record = rows_that_count(record)
     figure = Picture(figsize=size, dpi=150, layout="constrained")
-    response, residuals = response_panels(figure, record)
+    response, residuals = response_panels(figure, record, with_input)
     draw_record(response, record)
     if model is not None:
         draw_model(response, residuals, model, record, color=MODEL, label="model")
@@ -60,37 +63,61 @@ def plot_model(
             _shade_delay(response, residuals, record, float(np.asarray(model.delay)))
     response.set_title(literal(title), loc="left", fontsize=10)
     finish(response, residuals, record)
-    figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    columns = 4 if size[0] > 6 else 2
+    figure.legend(loc="outside lower center", ncols=columns, frameon=False)
     return figure
 
 
-def response_panels(figure, record: AbstractRecord) -> tuple[Axes, Axes]:
+def response_panels(
+    figure: Any, record: AbstractRecord, with_input: bool = False
+) -> tuple[Axes, Axes]:
     """Axes of the response and of the residuals in an empty figure, labelled.
 
-    And below the response those of the input, drawn, where it is no step.
+    Between them those of the input, drawn: of a sampled one, or of a step, `with_input`.
     """
-    labels, sampled = record.labels, isinstance(record, InputRecord)
-    response, *between, residuals = figure.subplots(
-        3 if sampled else 2, 1, sharex=True, height_ratios=[2.8, *[0.9] * sampled, 1]
+    labels, between = record.labels, with_input or isinstance(record, InputRecord)
+    heights = [2.8, 0.8, 1] if between else [2.8, 1]
+    response, *middle, residuals = figure.subplots(
+        len(heights), 1, sharex=True, height_ratios=heights
     )
-    response.set_ylabel(_label(labels.output, "output"))
-    if isinstance(record, InputRecord):
-        _draw_input(between[0], record)
+    inches = figure.bbox.height / figure.dpi
+    response.set_ylabel(
+        _wrapped(_label(labels.output, "output"), inches * heights[0] / sum(heights))
+    )
+    for axes in middle:
+        unit = unit_of(labels.input)
+        axes.set_ylabel(literal(f"input\n({unit})" if unit else "input"))
+        _draw_input(axes, record)
     unit = unit_of(labels.output)
     residuals.set_ylabel(literal(f"residual\n({unit})" if unit else "residual"))
     residuals.set_xlabel(_label(labels.time, "time"))
-    figure.align_ylabels([response, *between, residuals])
-    for axes in (response, *between, residuals):
+    figure.align_ylabels([response, *middle, residuals])
+    for axes in (response, *middle, residuals):
         axes.tick_params(labelsize=9)
     return response, residuals
 
 
-def _draw_input(axes: Axes, record: InputRecord) -> None:
-    """The input as it is held between samples."""
-    held = "steps-post" if record.hold == "zero" else "default"
-    axes.plot(record.t, record.u, color=EDGE, linewidth=0.9, drawstyle=held)
-    axes.set_ylabel(_label(record.labels.input, "input"))
-    _quiet(axes)
+def _draw_input(axes: Axes, record: AbstractRecord) -> None:
+    """The input as it is held between samples, or the change of a step."""
+    axes.plot(*input_line(record), color=EDGE, linewidth=1.0)
+    quiet(axes)
+    axes.margins(y=0.25)
+
+
+def input_line(record: AbstractRecord) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the input over the record: times and values; of a step the change alone.
+
+    Its level before the step is not part of a record.
+    """
+    if isinstance(record, InputRecord):
+        t, u = np.asarray(record.t), np.asarray(record.u)
+        if record.hold == "first":
+            return t, u
+        return np.repeat(t, 2)[1:], np.repeat(u, 2)[:-1]
+    assert isinstance(record, StepRecord)
+    first, last = float(record.t[0]), float(record.t[-1])
+    step, size = float(record.step_time), float(record.step_size)
+    return np.array([min(first, step), step, step, last]), np.array([0.0, 0.0, size, size])
 
 
 def draw_record(axes: Axes, record: AbstractRecord) -> None:
@@ -111,19 +138,33 @@ def draw_model(
     response: Axes, residuals: Axes, model, record: AbstractRecord, *, label: str, **look
 ) -> None:
     """A model's line, with a kink where its dead time ends, and its residuals."""
+    drawn = lines(model, record)
+    look = {"linewidth": 1.5, "zorder": 3} | look
+    response.plot(drawn.times, drawn.output, label=literal(label), **look)
+    if label == "model":
+        look = {**_record_look(record), "color": RECORD}
+    else:
+        look["linewidth"] = 0.9
+    residuals.plot(record.t, drawn.residuals, **look)
+
+
+class Lines(NamedTuple):
+    """A model on a grid of times, and its residuals at the rows of a record."""
+
+    times: np.ndarray
+    output: np.ndarray
+    residuals: np.ndarray
+
+
+def lines(model: AbstractPlant, record: AbstractRecord) -> Lines:
+    """What is drawn of a model beside a record, all rows of which count."""
     start, stop = float(record.t[0]), float(record.t[-1])
     kink = float(record.start_time + model.delay)
     grid = np.sort(np.append(np.linspace(start, stop, GRID), np.clip(kink, start, stop)))
     times = np.concatenate([record.t, grid]).astype(record.t.dtype)
     modelled = predicted(model, record, times)
     at_rows, on_grid = modelled[: record.t.size], modelled[record.t.size :]
-    look = {"linewidth": 1.5, "zorder": 3} | look
-    response.plot(grid, on_grid, label=literal(label), **look)
-    if label == "model":
-        look = {**_record_look(record), "color": RECORD}
-    else:
-        look["linewidth"] = 0.9
-    residuals.plot(record.t, np.asarray(record.y) - at_rows, **look)
+    return Lines(grid, on_grid, np.asarray(record.y) - at_rows)
 
 
 def predicted(model: AbstractPlant, record: AbstractRecord, times: np.ndarray) -> np.ndarray:
@@ -157,13 +198,13 @@ def finish(response: Axes, residuals: Axes, record: AbstractRecord) -> None:
         if isinstance(record, StepRecord):
             look: dict[str, Any] = {"linewidth": 0.9, "linestyle": (0, (4, 3)), "label": label}
             axes.axvline(float(record.step_time), color=EDGE, **look)
-        _quiet(axes)
+        quiet(axes)
     residuals.axhline(0, color=EDGE, linewidth=0.8)
     residuals.margins(x=0.01)
 
 
-def _quiet(axes: Axes) -> None:
-    """A frame that does not distract."""
+def quiet(axes: Axes) -> None:
+    """A frame that stays behind what is drawn."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(color="0.92", linewidth=0.6)
     axes.set_axisbelow(True)
@@ -172,6 +213,12 @@ def _quiet(axes: Axes) -> None:
 def _label(name: str, role: str) -> str:
     """A column's name, or its role where it has only a number."""
     return literal(role if name.isdecimal() or not name else name)
+
+
+def _wrapped(label: str, inches: float) -> str:
+    """A name on as many lines as its axis is too short for it, at most three."""
+    width = max(12, int(9.5 * inches))  # characters of ten points; the axis has no more than that
+    return textwrap.fill(label, width, max_lines=3, placeholder=" …", drop_whitespace=True)
 
 
 def literal(text: str) -> str:

@@ -4,8 +4,8 @@ A source becomes a table of named columns, which are time, output and input; the
 the input, and the rows that belong to it are the record. What is wrong is said in one sentence.
 """
 
+from io import BufferedIOBase
 from os import PathLike
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, SupportsFloat, SupportsIndex
 
 import jax.numpy as jnp
@@ -20,7 +20,7 @@ from ._record import MIN_SAMPLES, StepRecord
 from ._rest import comes_to_rest, rest_before
 from ._rows import Rows, rows_between, rows_of
 from ._steps import choice, constant_level, find_steps, is_constant
-from ._table import Table, file_table, frame_table
+from ._table import Table, file_table, frame_table, opened
 
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def read_record(
-    path: "str | PathLike | pd.DataFrame | pd.Series",
+    path: "str | PathLike | BufferedIOBase | pd.DataFrame | pd.Series",
     time: str | SupportsIndex | None = None,
     output: str | SupportsIndex | None = None,
     input: str | SupportsIndex | None = None,
@@ -52,8 +52,9 @@ def read_record(
 
     **Arguments:**
 
-    - `path`: the file, or the DataFrame or Series (its index is the time) itself. Encoding,
-        separator, decimal sign, thousands, comments, header and a row of units are recognised.
+    - `path`: the file, or a binary one that is open, such as one in memory; or the DataFrame or
+        Series (its index is the time) itself. Encoding, separator, decimal sign, thousands,
+        comments, header and a row of units are recognised.
     - `time`, `output`, `input`: columns, by name, with or without its unit, or by number from 1
         (an int, or text, which is a name first). With nothing named, columns t (or time), u and y
         go by these names; else two columns are time and output, three are time, input and output.
@@ -81,7 +82,7 @@ def read_record(
     import pandas as pd
 
     known = isinstance(path, pd.DataFrame | pd.Series)
-    table = frame_table(path) if known else file_table(Path(path))
+    table = frame_table(path) if known else file_table(opened(path))
     by_hand = step_time is not None or step_size is not None
     roles = roles_of(table, time, output, input, by_hand)
     rows = rows_of(table, roles, dayfirst)

@@ -8,6 +8,7 @@ import importlib
 import io
 import re
 from collections.abc import Sequence
+from io import BufferedIOBase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -65,44 +66,54 @@ def frame_table(frame: "pd.DataFrame | pd.Series") -> Table:
     return Table("", names, columns, "row", range(1, len(frame) + 1))
 
 
-def file_content(path: Path) -> bytes:
+def opened(source: Any) -> Path | BufferedIOBase:
+    """A path, or a binary file that is open, such as one in memory, as it is."""
+    return source if hasattr(source, "read") else Path(source)
+
+
+def file_name(source: Path | BufferedIOBase) -> str:
+    """Name of a file, without its folder; of one in memory its `name`, if it has any."""
+    return Path(str(getattr(source, "name", "file"))).name
+
+
+def file_content(path: Path | BufferedIOBase) -> bytes:
     """Bytes of a file that is not empty."""
     try:
-        content = path.read_bytes()
+        content = path.read_bytes() if isinstance(path, Path) else path.read()
     except FileNotFoundError:
         raise FileNotFoundError(f"There is no file {path}.") from None
     except OSError as error:
         raise OSError(f"{path} cannot be read: {error.strerror}.") from None
     if not content.strip():
-        raise ValueError(f"{path.name} is empty.")
+        raise ValueError(f"{file_name(path)} is empty.")
     return content
 
 
-def file_table(path: Path) -> Table:
+def file_table(path: Path | BufferedIOBase) -> Table:
     """Columns of a file, whose kind its content tells."""
-    content = file_content(path)
-    if path.suffix.lower() == ".mat" or content.startswith(b"MATLAB"):
-        return _mat_table(path)
+    content, name = file_content(path), file_name(path)
+    if name.lower().endswith(".mat") or content.startswith(b"MATLAB"):
+        return _mat_table(name, content)
     if content.startswith(b"PK\x03\x04"):  # an archive, as an Excel file is one
-        return _excel_table(path.name, content)
+        return _excel_table(name, content)
     if content.startswith(b"\xd0\xcf\x11\xe0"):
-        raise ValueError(f"{path.name} is an Excel file of before 2007: save it as .xlsx or CSV.")
-    names, columns, numbers = text_columns(path.name, content)
-    return Table(path.name, names, columns, "line", numbers)
+        raise ValueError(f"{name} is an Excel file of before 2007: save it as .xlsx or CSV.")
+    names, columns, numbers = text_columns(name, content)
+    return Table(name, names, columns, "line", numbers)
 
 
-def _mat_table(path: Path) -> Table:
+def _mat_table(source: str, content: bytes) -> Table:
     """Vectors of a MAT file."""
     import pandas as pd
 
     try:
-        variables = _mat_variables(path)
+        variables = _mat_variables(content)
     except ImportError:
         raise ImportError(
-            f"{path.name} is a MAT file of version 7.3: pip install h5py, or save it with -v7."
+            f"{source} is a MAT file of version 7.3: pip install h5py, or save it with -v7."
         ) from None
     except Exception:  # scipy has many for a damaged file
-        raise ValueError(f"{path.name} is damaged, or not a MAT file.") from None
+        raise ValueError(f"{source} is damaged, or not a MAT file.") from None
     vectors = {
         name: pd.Series(np.ravel(value))
         for name, value in variables.items()
@@ -110,17 +121,17 @@ def _mat_table(path: Path) -> Table:
         if value.size > 1 and value.size == max(value.shape)
     }
     rows = range(1, 1 + max([column.size for column in vectors.values()], default=0))
-    return Table(path.name, list(vectors), list(vectors.values()), "row", rows)
+    return Table(source, list(vectors), list(vectors.values()), "row", rows)
 
 
-def _mat_variables(path: Path) -> dict[str, Any]:
+def _mat_variables(content: bytes) -> dict[str, Any]:
     """Variables of a MAT file of any version."""
     from scipy.io import loadmat
 
     try:
-        return loadmat(path)
+        return loadmat(io.BytesIO(content))
     except NotImplementedError:  # version 7.3 is HDF5
-        with importlib.import_module("h5py").File(path) as file:
+        with importlib.import_module("h5py").File(io.BytesIO(content)) as file:
             return {name: np.asarray(v) for name, v in file.items() if hasattr(v, "shape")}
 
 

@@ -8,8 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._compare import Comparison
-from .._identify_each import Outcome
 from .._notes import notes_of
 from .._status import Status, refused, status_name
 from ..models._notation import number, transfer_function_text
@@ -17,6 +15,7 @@ from ..records._labels import Units
 from ..records._record import StepRecord
 from ..summary._content import Table, content as content, record_line as record_line
 from ..summary._json import to_json as to_json
+from ._told import FileOutcome, Ranking
 
 
 class ComparisonContent(NamedTuple):
@@ -37,7 +36,7 @@ def picture_lines(record: StepRecord) -> list[str]:
     ]
 
 
-def comparison_content(comparison: Comparison, group: str = "all") -> ComparisonContent:
+def comparison_content(comparison: Ranking, group: str = "all") -> ComparisonContent:
     """Ranking of the methods that gave a model of a group, and why others gave none."""
     units = Units.of(comparison.record.labels)
     rmse = f"RMSE, {units.output}" if units.output else "RMSE"
@@ -64,7 +63,7 @@ def comparison_content(comparison: Comparison, group: str = "all") -> Comparison
     return ComparisonContent(Table(columns, rows, numbers=(0, 3, 4, 5, 6, 7)), notes)
 
 
-def table_of_files(outcomes: Sequence[Outcome]) -> Table:
+def table_of_files(outcomes: Sequence[FileOutcome]) -> Table:
     """A row a file: its model and how good it is, or why there is none."""
     rows = []
     for file in outcomes:

@@ -5,11 +5,9 @@ import os
 from collections.abc import Callable, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
-
-if TYPE_CHECKING:
-    from .._identify_each import Identifications, Outcome
+from ._told import FileOutcome
 
 
 class Outputs(NamedTuple):
@@ -17,12 +15,16 @@ class Outputs(NamedTuple):
 
     plot: Path | None
     json: Path | None
+    report: Path | None = None
 
     def check(self, source: Path | None) -> None:
         """Refuse a file that cannot be written, or that is the record itself."""
-        targets = [path.resolve() for path in self if path is not None]
+        given = {f"--{name}": path for name, path in self._asdict().items() if path is not None}
+        targets = [path.resolve() for path in given.values()]
         if len(set(targets)) < len(targets):
-            raise ValueError(f"--plot and --json name the same file: {self.json}.")
+            twice = [name for name, path in given.items() if targets.count(path.resolve()) > 1]
+            path = given[twice[0]]
+            raise ValueError(f"{' and '.join(twice)} name the same file: {path}.")
         for path in targets:
             if not path.parent.is_dir():
                 raise FileNotFoundError(f"There is no folder {path.parent} to write {path.name}.")
@@ -32,6 +34,7 @@ class Outputs(NamedTuple):
                 raise ValueError(f"{source} is the record: write to another file.")
             if not os.access(path.parent, os.W_OK):
                 raise PermissionError(f"The folder {path.parent} cannot be written to.")
+        check_kind_of(self.report, ".html")
         if self.plot is not None:
             from matplotlib.backend_bases import FigureCanvasBase
 
@@ -42,7 +45,12 @@ class Outputs(NamedTuple):
                     f" are {', '.join(known)}."
                 )
 
-    def write(self, figure: Callable[[], Any], data: Callable[[], Any]) -> list[Path]:
+    def write(
+        self,
+        figure: Callable[[], Any],
+        data: Callable[[], Any],
+        page: Callable[[], str] | None = None,
+    ) -> list[Path]:
         """Draw and write what is wanted: all of it, or in case of an error nothing."""
         contents: dict[Path, bytes] = {}
         if self.plot is not None:
@@ -50,6 +58,8 @@ class Outputs(NamedTuple):
         if self.json is not None:
             text = json.dumps(data(), indent=2, ensure_ascii=False, allow_nan=False)
             contents[self.json] = (text + "\n").encode()
+        if self.report is not None and page is not None:
+            contents[self.report] = page().encode()
         return write_files(contents)
 
 
@@ -107,7 +117,7 @@ def check_table(path: Path | None, sources: list[Path]) -> None:
         Outputs(None, path).check(source)
 
 
-def write_pictures(outcomes: "Sequence[Outcome]", folder: Path | None) -> list[Path]:
+def write_pictures(outcomes: Sequence[FileOutcome], folder: Path | None) -> list[Path]:
     """A picture of each model, named after its file; files of one name are told apart by number.
 
     No number makes the name of another file: `run.csv` twice beside `run_2.csv` gives `run_3.png`.
@@ -130,8 +140,15 @@ def write_pictures(outcomes: "Sequence[Outcome]", folder: Path | None) -> list[P
     return written
 
 
-def write_table(found: "Identifications", path: Path | None) -> list[Path]:
-    """The table of all files as CSV."""
+def write_table(found: Any, path: Path | None) -> list[Path]:
+    """The table of all files, which has a `to_frame`, as CSV."""
     if path is None:
         return []
     return write_files({path: found.to_frame().to_csv(index=False).encode()})
+
+
+def write_page(page: str, path: Path) -> None:
+    """A page as a file of its own, whose name ends in .html."""
+    check_kind_of(path, ".html")
+    Outputs(None, None, path).check(None)
+    write_files({path: page.encode()})

@@ -1,13 +1,13 @@
 """A picture from a file, as numbers; what cannot be read is said in one sentence."""
 
 import warnings
-from io import BytesIO
+from io import BufferedIOBase, BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._table import file_content
+from .._table import file_content, file_name
 
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".webp", ".gif"})
@@ -43,30 +43,30 @@ class Picture(NamedTuple):
         return self.pixels.shape[1]
 
 
-def load(path: Path) -> Picture:
+def load(path: Path | BufferedIOBase) -> Picture:
     """The picture in a file; transparent parts are as on paper. **Raises** `ValueError`, `OSError`.
 
     A light drawing on a transparent ground was meant for a dark one, and gets it.
     """
     from PIL import Image, UnidentifiedImageError
 
-    content = file_content(path)
+    content, name = file_content(path), file_name(path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(BytesIO(content), formats=FORMATS) as image:
-                _check_size(path.name, *image.size)
+                _check_size(name, *image.size)
                 lossy = image.format == "JPEG" or (image.format == "WEBP" and b"VP8 " in content)
-                return Picture(path.name, _pixels(image), lossy)
+                return Picture(name, _pixels(image), lossy)
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
-        raise ValueError(_too_large(path.name)) from None
+        raise ValueError(_too_large(name)) from None
     except UnidentifiedImageError:
-        raise ValueError(f"{path.name} is no PNG, JPEG, WebP or GIF picture.") from None
+        raise ValueError(f"{name} is no PNG, JPEG, WebP or GIF picture.") from None
     except _Size:
         raise
     except Exception:  # Pillow has many for a damaged file
-        raise ValueError(f"{path.name} is damaged: the picture in it cannot be read.") from None
+        raise ValueError(f"{name} is damaged: the picture in it cannot be read.") from None
 
 
 class _Size(ValueError):

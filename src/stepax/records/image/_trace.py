@@ -1,8 +1,8 @@
 """From a picture of a plot to a record: what a picture shows, and what it is in values."""
 
 from collections.abc import Sequence
+from io import BufferedIOBase
 from os import PathLike
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -10,6 +10,7 @@ import numpy as np
 
 from .._labels import Labels
 from .._record import MIN_SAMPLES, StepRecord
+from .._table import opened
 from ._box import Box, find_box
 from ._calibration import Axis, axis_of, places
 from ._inks import (
@@ -70,7 +71,7 @@ class Finding(NamedTuple):
 
 
 def trace_image(
-    path: str | PathLike,
+    path: str | PathLike | BufferedIOBase,
     *,
     x_range: Pair | None = None,
     y_range: Pair | None = None,
@@ -119,12 +120,12 @@ def trace_image(
 
 
 def read_picture(
-    path: str | PathLike,
+    path: str | PathLike | BufferedIOBase,
     color: Any = None,
     box: Any = None,
 ) -> Finding:
     """What a picture shows, in pixels; `color` and `box` as in `trace_image`."""
-    picture = load(Path(path))
+    picture = load(opened(path))
     edges = find_box(picture.pixels) if box is None else _given_box(picture, box)
     if edges is None:
         raise ValueError(

@@ -1,0 +1,69 @@
+"""What a comparison and the outcome of a file tell of themselves to those who report on them."""
+
+from typing import Any, Protocol, runtime_checkable
+
+
+@runtime_checkable
+class RankedRow(Protocol):
+    """One method of a comparison: `stepax._compare.Row`."""
+
+    @property
+    def method(self) -> Any: ...
+    @property
+    def result(self) -> Any: ...
+    @property
+    def model(self) -> Any: ...
+    @property
+    def J(self) -> Any: ...
+    @property
+    def rmse(self) -> Any: ...
+    @property
+    def fit_percent(self) -> Any: ...
+    @property
+    def parameters(self) -> Any: ...
+    @property
+    def aicc(self) -> Any: ...
+    @property
+    def status(self) -> Any: ...
+    @property
+    def reason(self) -> Any: ...
+    @property
+    def has_model(self) -> Any: ...
+
+    def is_of(self, group: str) -> bool:
+        """Whether the method's models are of a group."""
+        ...
+
+
+@runtime_checkable
+class Ranking(Protocol):
+    """Methods on one record, best first: `stepax.Comparison`."""
+
+    @property
+    def record(self) -> Any: ...
+    @property
+    def rows(self) -> Any: ...
+
+    def models(self, group: str = "all") -> Any:
+        """Rows that have a model, of one group."""
+        ...
+
+    def entries(self, group: str = "all") -> Any:
+        """The same, as pictures take them."""
+        ...
+
+
+@runtime_checkable
+class FileOutcome(Protocol):
+    """What became of one file: `stepax._identify_each.Outcome`."""
+
+    @property
+    def source(self) -> Any: ...
+    @property
+    def method(self) -> Any: ...
+    @property
+    def result(self) -> Any: ...
+    @property
+    def reason(self) -> Any: ...
+    @property
+    def has_model(self) -> Any: ...
