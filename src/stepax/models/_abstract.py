@@ -247,7 +247,7 @@ class AbstractPlant(eqx.Module):
         """
         return respond(self, t, u, hold)
 
-    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation | None:
+    def realise(self, interval: Scalar) -> AbstractRealisation | None:
         """As a linear system with a state, sampled at intervals of at least `interval`.
 
         None for a plant that has no finite state: it has a `unit_ramp`.
@@ -331,9 +331,9 @@ class AbstractChain(AbstractPlant):
         """g(t), by contour quadrature."""
         return chain_response(t, self.lags)
 
-    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation | None:
+    def realise(self, interval: Scalar) -> AbstractRealisation | None:
         """One state for each lag."""
-        return ChainRealisation(self.lags, interval, even)
+        return ChainRealisation(self.lags, interval)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s), the product over the lags."""

@@ -194,9 +194,9 @@ class EqualLag(AbstractChain):
         rate = jnp.where(in_range(self.n), jnp.ones_like(self.T), jnp.nan)
         return equal_spacing_response(t / self.T, rate, jnp.zeros_like(self.T), self.n)
 
-    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation | None:
+    def realise(self, interval: Scalar) -> AbstractRealisation | None:
         """One state for each lag; a real order has no finite number of them."""
-        return super().realise(interval, even) if self.is_whole else None
+        return super().realise(interval) if self.is_whole else None
 
     def unit_ramp(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         r"""$t\,P(n, t/T) - n T\,P(n+1, t/T)$, the integral of the response to a step."""

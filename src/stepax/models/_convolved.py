@@ -32,7 +32,7 @@ def convolved_response(
     else:
         edges = ramp(jnp.concatenate([t[:1] - interval, t]))
         y = u[0] * step(t) + _convolve(jnp.diff(edges) / interval, jnp.append(moves, 0))
-    return put_off(jnp.concatenate([jnp.zeros_like(y[:1]), y[:-1]]), whole)
+    return put_off(y, whole + 1)
 
 
 def _convolve(kernel: Samples, moves: Samples) -> Samples:

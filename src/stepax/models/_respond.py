@@ -75,7 +75,7 @@ def respond_evenly(plant: Any, interval: Scalar, u: Samples, hold: str) -> Sampl
 def _evenly(plant: Any, interval: Scalar, u: Samples, hold: str) -> Samples:
     if u.shape[0] < 2:  # at rest up to the first sample
         return _levels(plant, 0 * u)
-    realisation = plant.realise(interval, True)
+    realisation = plant.realise(interval)
     if realisation is None:
         y = convolved_response(plant.unit_response, plant.unit_ramp, plant.delay, interval, u, hold)
     else:
@@ -85,7 +85,7 @@ def _evenly(plant: Any, interval: Scalar, u: Samples, hold: str) -> Samples:
 
 @eqx.filter_jit
 def _respond_unevenly(plant: Any, t: Samples, u: Samples, hold: str) -> Samples:
-    realisation = plant.realise(jnp.min(jnp.diff(t)), False)
+    realisation = plant.realise(jnp.min(jnp.diff(t)))
     if realisation is None:
         y = superposed_response(plant.unit_response, plant.unit_ramp, plant.delay, t, u, hold)
     else:

@@ -47,9 +47,9 @@ class SOPDT(AbstractPlant):
             t, self.zeta, self.omega_n, jnp.zeros_like(self.zeta), _second_order(self, changes)
         )
 
-    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation:
+    def realise(self, interval: Scalar) -> AbstractRealisation:
         """The output and its slope."""
-        del interval, even
+        del interval
         return SecondOrderRealisation(self.zeta, self.omega_n, jnp.zeros_like(self.zeta))
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
@@ -117,9 +117,9 @@ class SOPDTZero(AbstractPlant):
             t, self.zeta, self.omega_n, self.lead, _second_order(self, changes)
         )
 
-    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation:
+    def realise(self, interval: Scalar) -> AbstractRealisation:
         """The output and its slope."""
-        del interval, even
+        del interval
         return SecondOrderRealisation(self.zeta, self.omega_n, self.lead)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
@@ -180,9 +180,9 @@ class IPDT(AbstractPlant):
         """g(t), in closed form."""
         return lagged_ramp_response(t, self.T)
 
-    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation:
+    def realise(self, interval: Scalar) -> AbstractRealisation:
         """The integral of the input, and the lag behind it."""
-        return ChainRealisation(self.lags, interval, even, integrators=1)
+        return ChainRealisation(self.lags, interval, integrators=1)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s); at 0, where a complex division would give NaN, its real part is infinite."""
