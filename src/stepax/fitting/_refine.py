@@ -56,13 +56,12 @@ def refine(
     `loss`: "huber" bounds the pull of glitches: beyond 1.345 times the noise level (1.4826 times
     the median absolute residual, of a fit by squares and of one by this loss before) a residual
     counts linearly (Huber 1964). `solver`: any optimistix least-squares solver; only the default
-    one keeps bounds. `errors=False` leaves standard errors NaN, which is faster. `at_rest=False`,
-    `drift=True`: of an `InputRecord` the plant's state at the first row, and a linear drift, are
-    found too (`own_motion`, `trend` in `.details`); None: as the record has them.
+    one keeps bounds. `errors=False`: no standard errors, faster. `at_rest=False`, `drift=True`: of
+    an `InputRecord` the plant's state at the first row, and a linear drift, are found too
+    (`own_motion`, `trend` in `.details`); None: as it has them.
 
-    **Returns:** `Identification`; see `with_errors` for the standard errors. Derivatives with
-    respect to the record and to what is fixed come from the implicit function theorem; those of a
-    lane that did not converge are NaN. `.details`: see `DETAILS`.
+    **Returns:** `Identification`; its standard errors: `with_errors`. Derivatives in the record and
+    in what is fixed, by the implicit function theorem, are NaN in a lane that did not converge.
     """
     check_options(model, fixed, order, loss)
     record = record.seeking(at_rest, drift)
