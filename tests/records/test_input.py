@@ -129,3 +129,56 @@ def test_what_reads_a_step_says_that_it_needs_one():
     ):
         with pytest.raises(TypeError, match="needs a StepRecord"):
             call()
+
+
+def log(tmp_path, u, y, t=T):
+    file = tmp_path / "log.csv"
+    rows = [f"{a:.9g},{b:.9g},{c:.9g}" for a, b, c in zip(t, u, y, strict=True)]
+    file.write_text("t (s),u (%),y (degC)\n" + "\n".join(rows))
+    return file
+
+
+def test_a_whole_log_is_read_with_its_input(tmp_path):
+    u = np.where(T > 8, 3.0, 1.0) - 4.0 * (T > 18)
+    plant = SOPDT(zeta=0.9, omega_n=2.0)
+    y = by_hand(plant, T, u=u)
+    file = log(tmp_path, u, y)
+    first = stepax.read_record(file)
+    assert isinstance(first, StepRecord) and int(first.details["steps_found"]) == 2
+    record = stepax.read_record(file, whole=True, hold="first", at_rest=False, drift=True)
+    assert isinstance(record, InputRecord) and record.even and record.t.size == 61
+    assert (record.hold, record.at_rest, record.drift) == ("first", False, True)
+    np.testing.assert_allclose(record.u, u)
+    assert record.labels.input == "u (%)"
+    assert "61 rows, input from -1 to 3 %" in str(stepax.summary._content.record_line(record))
+    with pytest.raises(ValueError, match="leave out step"):
+        stepax.read_record(file, whole=True, step=1)
+    with pytest.raises(ValueError, match="needs an input"):
+        stepax.read_record(two_columns(tmp_path, y), whole=True)
+
+
+def two_columns(tmp_path, y):
+    file = tmp_path / "two.csv"
+    file.write_text("t,y\n" + "\n".join(f"{a:.9g},{b:.9g}" for a, b in zip(T, y, strict=True)))
+    return file
+
+
+def test_a_log_whose_steps_are_too_short_is_read_whole(tmp_path):
+    """After none of them does the output come to rest."""
+    u = np.repeat([1.0, 3.0, 1.0, 2.0], 16)[:61]
+    y = by_hand(SOPDT(zeta=2.0, omega_n=0.3), T, u=u)
+    record = stepax.read_record(log(tmp_path, u, y))
+    assert isinstance(record, InputRecord) and bool(record.details["whole_by_itself"])
+    assert isinstance(stepax.read_record(log(tmp_path, u, y), step=2), StepRecord)
+    assert isinstance(stepax.read_record(log(tmp_path, u, y), whole=False), StepRecord)
+
+
+def test_the_picture_has_the_input_below_the_output():
+    from stepax.plots._model import plot_model
+
+    record = InputRecord(T, by_hand(PLANT, T), U)
+    axes = plot_model(record, PLANT, title="input").axes
+    assert [x.get_ylabel() for x in axes] == ["output", "input", "residual"]
+    np.testing.assert_allclose(axes[1].lines[0].get_ydata(), U)
+    assert axes[1].lines[0].get_drawstyle() == "steps-post"
+    assert np.abs(axes[2].lines[0].get_ydata()).max() < 1e-9

@@ -48,7 +48,7 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
     r"""The result of a fit with its standard errors and covariance.
 
     With $J$ the Jacobian of the prediction in the free parameters and $A = J^\top J$ (rows times
-    $\sqrt{w_i}$, and across what was eliminated beside the input),
+    $\sqrt{w_i}$, across what else was eliminated),
 
     $$ \mathrm{cov} = \sigma^2 A^{-1} (J^\top R J) A^{-1}, \qquad
        \sigma^2 = \frac{\sum r_i^2}{N - \mathrm{tr}(A^{-1} J^\top R J)}, $$
@@ -65,9 +65,8 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
     gain, whose 95 % interval reaches 0, and for r if it covers half of its range or more. Unless
     it is the bound alone, the status is `not_identifiable`.
     """
-    record = fitted.problem.record.with_found(result.details)
-    problem = dataclasses.replace(fitted.problem, record=record)
-    free, model = problem.free_scalars, result.model
+    problem, model = fitted.problem.with_found(result.details), result.model
+    free = problem.free_scalars
     root, residual = _residual(problem, model)
     phi = _autocorrelation(residual, problem.record.count, len(free))
     quantum = quantisation(problem.record.y, problem.record.count)

@@ -1,5 +1,6 @@
 """One least-squares problem: the data, what is known, and the coordinates of the rest."""
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -280,6 +281,10 @@ class Problem(eqx.Module):
         if beside is not None and self.known_levels.offset is None:
             offset = beside.numbers(self.record.y - amplitude * g)[0]
         return eqx.tree_at(lambda m: (m.gain, m.offset), shape, (gain, offset))
+
+    def with_found(self, details: dict[str, Array]) -> "Problem":
+        """The problem whose record predicts with what was found beside the input, too."""
+        return dataclasses.replace(self, record=self.record.with_found(details))
 
     def found_beside(self, x: Coordinates, model: AbstractPlant, g: Samples) -> dict[str, Array]:
         """Details of a model found at x: slope of a drift, numbers of the plant's own motion."""

@@ -52,23 +52,19 @@ def refine(
 
     **Arguments:** `model`: the start, in the record's units. `order`: "auto" tries each of `orders`
     for n, from the same sum of lags and of their squares as the model or the order before, and
-    keeps the smallest whose AICc, n being a parameter, is within 2 of the best: with a free delay
-    orders are nearly interchangeable.
-    `weights`: per row; the standard errors take them as inverse variances up to a common factor, 0
-    leaves a row out. `loss`: "huber" bounds the pull of glitches: beyond 1.345 times the noise
-    level (1.4826 times the median absolute residual, of a fit by squares and of one by this loss
-    before) a residual counts linearly (Huber 1964). `prior`: what is known of parameters
-    beforehand, `{"gain": (value, std)}`: the criterion gains $\sigma^2 ((p - v)/s)^2$, with the
-    noise level $\sigma$ of the fit without it; standard errors and AICc know it. A gain that the
-    record ends too early to tell needs one. `solver`: any optimistix least-squares solver; only the
-    default one keeps bounds. `errors=False` leaves standard errors NaN, which is faster.
-    `at_rest`, `drift`: of an `InputRecord`; False, the plant's state at the first row is found too
-    (`own_motion` in `.details`: what it adds is that, times `model.own_motions`), True, a linear
-    drift (`trend`, a slope); None as the record has them.
+    keeps the smallest whose AICc, n being a parameter, is within 2 of the best. `weights`: per row;
+    the standard errors take them as inverse variances up to a common factor, 0 leaves a row out.
+    `loss`: "huber" bounds the pull of glitches: beyond 1.345 times the noise level (1.4826 times
+    the median absolute residual, of a fit by squares and of one by this loss before) a residual
+    counts linearly (Huber 1964). `prior`, `{"gain": (value, std)}`: what is known beforehand; the
+    criterion gains $\sigma^2 ((p - v)/s)^2$ with the noise level $\sigma$ of the fit without it, and
+    standard errors and AICc know it. `solver`: any optimistix least-squares solver; only the
+    default one keeps bounds. `errors=False`: no standard errors, faster. `at_rest=False`,
+    `drift=True`: of an `InputRecord` the plant's state at the first row, and a linear drift, are
+    found too (`own_motion`, `trend` in `.details`); None: as it has them.
 
-    **Returns:** `Identification`; see `with_errors` for the standard errors. Derivatives with
-    respect to the record and to what is fixed come from the implicit function theorem; those of a
-    lane that did not converge are NaN. `.details`: see `DETAILS`.
+    **Returns:** `Identification`; its standard errors: `with_errors`. Derivatives in the record and
+    in what is fixed, by the implicit function theorem, are NaN in a lane that did not converge.
     """
     check_options(model, fixed, order, loss)
     record = record.seeking(at_rest, drift)

@@ -90,7 +90,7 @@ def _evenly(plant: Any, interval: Scalar, u: Samples, hold: str) -> Samples:
 def respond_unevenly(
     plant: Any, t: Samples, u: Samples, hold: str, at: Float[Array, " outputs"] | None = None
 ) -> Array:
-    """Response of gain 1 to samples at times that increase; there, or `at` any times up to the last."""
+    """Response of gain 1 to samples at increasing times; there, or `at` any up to the last."""
     realisation = plant.realise(jnp.min(jnp.diff(t)))
     if realisation is None:
         y = superposed_response(plant.unit_response, plant.unit_ramp, plant.delay, t, u, hold, at)
