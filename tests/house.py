@@ -40,6 +40,7 @@ ROOMS = (
     "_cli_picture",
     "_cli_study",
     "_options",
+    "_cli_lookup",
     "_cli",
 )
 """Rooms of the house, from the ground up: a room imports only from those before it."""

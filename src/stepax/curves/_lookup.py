@@ -17,10 +17,10 @@ from jaxtyping import Array, ArrayLike
 
 from .._arrays import Scalar, as_real, nan_where
 from .._status import Status, refused
-from ..models._abstract import AbstractSpreadChain
 from ..models._plants import Hudzovic, Sani
 from ..models._spread import (
     DEFAULT_ORDERS,
+    AbstractSpreadChain,
     chain_with_spread,
     check_orders,
     check_spread_chain,

@@ -15,11 +15,10 @@ from jaxtyping import Array, ArrayLike, Float
 from scipy import special
 
 from .._arrays import as_real, nan_where
-from ..models._abstract import AbstractSpreadChain
 from ..models._contour import chain_derivatives
 from ..models._plants import Hudzovic, Sani
 from ..models._responses import MAX_ORDER
-from ..models._spread import check_spread_chain
+from ..models._spread import AbstractSpreadChain, check_spread_chain
 from ._roots import increasing_root
 
 

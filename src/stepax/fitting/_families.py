@@ -16,9 +16,9 @@ from jaxtyping import Array
 
 from .._arrays import Coordinates, Scalar
 from .._status import Status
-from ..models._abstract import AbstractPlant, AbstractSpreadChain
+from ..models._abstract import AbstractPlant
 from ..models._plants import FOPDT, IPDT, SOPDT, EqualLag, PTn, SOPDTZero
-from ..models._spread import chain_of_ratio
+from ..models._spread import AbstractSpreadChain, chain_of_ratio
 from ._coordinates import (
     APART,
     CONTRAST,

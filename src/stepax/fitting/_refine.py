@@ -1,6 +1,7 @@
 """Least-squares refinement of any model to a record."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -57,7 +58,7 @@ def refine(
     `loss`: "huber" bounds the pull of glitches: beyond 1.345 times the noise level (1.4826 times
     the median absolute residual, of a fit by squares and of one by this loss before) a residual
     counts linearly (Huber 1964). `prior`, `{"gain": (value, std)}`: what is known beforehand; the
-    criterion gains $\sigma^2 ((p - v)/s)^2$ with the noise level $\sigma$ of the fit without it, and
+    criterion gains $\sigma^2 ((p - v)/s)^2$, with the noise level $\sigma$ of the fit without it;
     standard errors and AICc know it. `solver`: any optimistix least-squares solver; only the
     default one keeps bounds. `errors=False`: no standard errors, faster. `at_rest=False`,
     `drift=True`: of an `InputRecord` the plant's state at the first row, and a linear drift, are
@@ -70,23 +71,13 @@ def refine(
     record = record.seeking(at_rest, drift)
 
     def search(record: AbstractRecord, model: AbstractPlant, weights, prior, solver) -> Fitted:
-        def fitted(record: AbstractRecord, start: AbstractPlant) -> Fitted:
-            return fit(
-                record,
-                start,
-                fixed,
-                weights=weights,
-                loss=loss,
-                prior=prior,
-                solver=solver,
-                max_steps=max_steps,
-            )
-
+        more = {"weights": weights, "prior": prior, "solver": solver}
+        each = partial(fit, fixed=fixed, loss=loss, max_steps=max_steps, **more)
         if order is None:
-            return fitted(record, model)
+            return each(record, model)
         numbers = check_orders(orders)
         first = with_order(model, jnp.asarray(numbers[0]))
-        return best_order(record, weights, numbers, first, with_order, fitted)
+        return best_order(record, weights, numbers, first, with_order, each)
 
     return concluded_in_groups(search, record, errors, model, weights, prior, solver)
 

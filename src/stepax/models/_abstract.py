@@ -7,7 +7,6 @@ a plant is asked of the plant, never decided by its class elsewhere.
 
 import abc
 import dataclasses
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -16,13 +15,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array, ArrayLike, Complex, Float, Int, Shaped
+from jaxtyping import Array, ArrayLike, Complex, Float, Shaped
 
 from .._arrays import Flag, Lags, Samples, Scalar, as_real
-from ._contour import Slopes, chain_derivatives, chain_response
+from ._contour import Slopes, chain_response
 from ._export import control_transfer_function, scipy_transfer_function
-from ._free import free_positive, free_ratio, positive, ratio
-from ._orders import as_order, in_range
 from ._realisation import AbstractRealisation, ChainRealisation
 from ._respond import respond
 
@@ -352,64 +349,3 @@ class AbstractChain(AbstractPlant):
         """G(s), the product over the lags."""
         lags = self.lags
         return jnp.prod(1 / (1 + s[..., None] * lags.reshape((1,) * s.ndim + (-1,))), axis=-1)
-
-
-class AbstractSpreadChain(AbstractChain):
-    """A chain of order n whose lags follow from one of them and one shape parameter r.
-
-    How far the lags lie apart is told by a `ratio` s of rates, from 0 (one lag) to 1 (equal lags).
-    """
-
-    # Facts of a class, not annotated: the end of the range of r where all lags are equal; whether
-    # the other end, one lag, is a value of r and not only a limit; whether Sani's interpolation
-    # formulae (Murray 2016, eqs. 2.17-2.19) are for this family.
-    r_at_equal_lags = math.nan
-    reaches_first_order = False
-    has_formulae = False
-
-    T: Float[Array, "..."] = eqx.field(converter=as_real, metadata=TIME)
-    r: Float[Array, "..."] = eqx.field(converter=as_real)
-    n: int | Int[Array, "..."] = eqx.field(converter=as_order)
-
-    @property
-    @abc.abstractmethod
-    def ratio(self) -> Scalar:
-        """Ratio s of the slowest to the fastest rate, or of neighbours, as the family has it."""
-
-    @classmethod
-    @abc.abstractmethod
-    def r_of_ratio(cls, s: Scalar, n) -> Scalar:
-        """r of a chain of order n with a ratio s."""
-
-    @classmethod
-    @abc.abstractmethod
-    def has_shape(cls, r: Scalar, n) -> Flag:
-        """Whether r lies in the range of the family for that order."""
-
-    @classmethod
-    @abc.abstractmethod
-    def width_of_r(cls, n) -> Any:
-        """Length of the range of r."""
-
-    def own_to_free(self) -> dict[str, Array]:
-        """The sum of the lags, and the ratio of rates."""
-        return {"T": free_positive(jnp.sum(self.lags)), "r": free_ratio(self.ratio)}
-
-    def own_from_free(self) -> dict[str, Array]:
-        """T and r."""
-        r = self.r_of_ratio(ratio(self.r), self.n)
-        lags = dataclasses.replace(self, T=jnp.ones_like(r), r=r).lags
-        return {"T": positive(self.T) / jnp.sum(lags), "r": r}
-
-    def own_in_range(self) -> Any:
-        """T > 0, r of that order, and an order that can be evaluated."""
-        return (self.T > 0) & self.has_shape(self.r, self.n) & in_range(self.n)
-
-    def response_and_slope(self, t: Array) -> tuple[Array, Array]:
-        """g and t dg/dt."""
-        g, slope = chain_derivatives(t, self.lags, 1)
-        return g, slope
-
-    def inflection(self) -> tuple[Array, Array] | None:
-        """Time and slope of the steepest rise where the family has a closed form."""
-        return None

@@ -15,7 +15,6 @@ from .._arrays import Flag, Lags, Samples, Scalar, as_real
 from ._abstract import (
     TIME,
     AbstractChain,
-    AbstractSpreadChain,
     Factor,
     TimeScales,
 )
@@ -34,6 +33,7 @@ from ._responses import (
     first_order_slopes,
     one_minus_multiple,
 )
+from ._spread import AbstractSpreadChain
 
 
 class Hudzovic(AbstractSpreadChain):
