@@ -1,10 +1,10 @@
 """Time of a study against its size: `python -m experiments.benchmarks.growth --out DIR`.
 
 A lookup and the fit of T and r from it, on random plants of order 4 with 2 % noise: 10^3 to 10^6
-plants of 250 samples, and 10^4 plants of 50 to 2000 samples; float64, in chunks of 1000. Each by one
-device and by one device a core (a process each, since JAX counts devices once). Compilation, which
-does not grow, is left out: a first chunk is computed before the clock starts. Exponents are slopes
-of a line through the points on logarithmic axes.
+plants of 250 samples, and 10^4 plants of 50 to 2000 samples; float64, in chunks of 1000. Each by
+one device and by one device a core (a process each, since JAX counts devices once). Compilation,
+which does not grow, is left out: a first chunk is computed before the clock starts. Exponents are
+slopes of a line through the points on logarithmic axes.
 """
 
 import argparse
