@@ -1,5 +1,7 @@
 """The command `stepax study`: a Monte Carlo study into a folder, and a picture of it."""
 
+import contextlib
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,12 +14,11 @@ if TYPE_CHECKING:
 
 def set_up_study(single: bool) -> None:
     """Double precision unless `single`, and a JAX device for each core."""
-    import os
-
     import jax
 
     jax.config.update("jax_enable_x64", not single)
-    jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)
+    with contextlib.suppress(RuntimeError):  # JAX runs already, in a process that does more
+        jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)
 
 
 def study(

@@ -156,7 +156,7 @@ def test_noise_on_the_input_comes_by_the_plant():
     lags = study.distribution(place, 3)
     for k in (1, 0, 0):
         place = jax.random.fold_in(place, k)
-    u = jax.random.normal(place, (50,))
+    u = jax.random.normal(place, (50,), jnp.float32).astype(float)
     expected = 0.5 * PTn(lags=lags).respond(t, u)
     np.testing.assert_allclose(raw - clean, expected, atol=1e-12)
 

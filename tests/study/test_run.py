@@ -278,14 +278,12 @@ if __name__ == "__main__":
 
 @pytest.mark.long
 def test_killed_in_the_middle_and_resumed(whole, tmp_path):
-    killed = subprocess.Popen(
-        [sys.executable, "-c", PROCESS, tmp_path, "x"], stdout=subprocess.PIPE
-    )
-    assert killed.stdout is not None and killed.stdout.readline().strip() == b"ready"
-    killed.send_signal(signal.SIGKILL)
-    killed.wait()
+    command = [sys.executable, "-c", PROCESS, tmp_path]
+    with subprocess.Popen([*command, "killed"], stdout=subprocess.PIPE) as killed:
+        assert killed.stdout is not None and killed.stdout.readline().strip() == b"ready"
+        killed.send_signal(signal.SIGKILL)
     assert len(list(tmp_path.glob("chunk*"))) == 2 and len(list(tmp_path.glob(".chunk*"))) == 1
-    subprocess.run([sys.executable, "-c", PROCESS, tmp_path], check=True)
+    subprocess.run(command, check=True)
     same(run_study(SMALL, key=7, store=tmp_path), whole)
 
 

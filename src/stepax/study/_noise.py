@@ -22,6 +22,17 @@ Response = Callable[[Samples, Samples], Samples]
 """Response of the plant to a sampled input: of times, and the input."""
 
 
+# Drawn in single precision, so that a study has the same noise in both.
+
+
+def _normal(key: Array, like: Array) -> Array:
+    return jax.random.normal(key, like.shape, jnp.float32).astype(like.dtype)
+
+
+def _uniform(key: Array, like: Array) -> Array:
+    return jax.random.uniform(key, like.shape, jnp.float32).astype(like.dtype)
+
+
 class AbstractNoise(eqx.Module):
     """Something that disturbs a record."""
 
@@ -62,7 +73,7 @@ class GaussianNoise(AbstractNoise):
 
     def disturb(self, key: Array, t: Samples, y: Samples, respond: Response) -> Samples:
         """One draw a sample."""
-        return y + self.level * jax.random.normal(key, y.shape, y.dtype)
+        return y + self.level * _normal(key, y)
 
 
 class UniformNoise(AbstractNoise):
@@ -72,7 +83,7 @@ class UniformNoise(AbstractNoise):
 
     def disturb(self, key: Array, t: Samples, y: Samples, respond: Response) -> Samples:
         """One draw a sample."""
-        return y + self.level * (jax.random.uniform(key, y.shape, y.dtype) - 0.5)
+        return y + self.level * (_uniform(key, y) - 0.5)
 
 
 class AR1Noise(AbstractNoise):
@@ -86,7 +97,7 @@ class AR1Noise(AbstractNoise):
 
     def disturb(self, key: Array, t: Samples, y: Samples, respond: Response) -> Samples:
         """A stationary draw."""
-        white = jax.random.normal(key, y.shape, y.dtype)
+        white = _normal(key, y)
         share = jnp.sqrt(1 - jnp.square(self.correlation))
 
         def one(before: Array, new: Array):
@@ -107,7 +118,7 @@ class InputNoise(AbstractNoise):
 
     def disturb(self, key: Array, t: Samples, y: Samples, respond: Response) -> Samples:
         """The plant's response to it."""
-        return y + self.level * respond(t, jax.random.normal(key, y.shape, y.dtype))
+        return y + self.level * respond(t, _normal(key, y))
 
 
 class Drift(AbstractNoise):
@@ -117,7 +128,7 @@ class Drift(AbstractNoise):
 
     def disturb(self, key: Array, t: Samples, y: Samples, respond: Response) -> Samples:
         """One end a record."""
-        end = jax.random.uniform(key, (), y.dtype, -1.0, 1.0)
+        end = 2 * _uniform(key, y[0]) - 1
         return y + self.level * end * t / t[-1]
 
 
@@ -130,7 +141,7 @@ class Glitches(AbstractNoise):
     def disturb(self, key: Array, t: Samples, y: Samples, respond: Response) -> Samples:
         """Some samples."""
         where, sign = jax.random.split(key)
-        off = jax.random.uniform(where, y.shape, y.dtype) < self.share
+        off = _uniform(where, y) < self.share
         up = jax.random.bernoulli(sign, 0.5, y.shape)
         return y + jnp.where(off, jnp.where(up, self.level, -self.level), 0)
 

@@ -33,7 +33,7 @@ class UniformLags:
 
     def __call__(self, key: Array, order: int) -> Lags:
         """Lags of one plant."""
-        return jax.random.uniform(key, (order,), minval=self.low, maxval=self.high)
+        return uniform(key, (order,), self.low, self.high)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,8 +48,7 @@ class LogUniformLags:
 
     def __call__(self, key: Array, order: int) -> Lags:
         """Lags of one plant."""
-        ends = math.log(self.low), math.log(self.high)
-        return jnp.exp(jax.random.uniform(key, (order,), minval=ends[0], maxval=ends[1]))
+        return jnp.exp(uniform(key, (order,), math.log(self.low), math.log(self.high)))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,9 +71,15 @@ class LagAndRatio:
     def __call__(self, key: Array, order: int) -> Lags:
         """Lags of one plant, largest first."""
         first, others = jax.random.split(key)
-        lag = jax.random.uniform(first, (1,), minval=self.low, maxval=self.high)
-        ratios = jax.random.uniform(others, (order - 1,), minval=self.least, maxval=self.most)
+        lag = uniform(first, (1,), self.low, self.high)
+        ratios = uniform(others, (order - 1,), self.least, self.most)
         return jnp.cumprod(jnp.concatenate([lag, ratios]))
+
+
+def uniform(key: Array, shape: tuple[int, ...], low: Real, high: Real) -> Array:
+    """Uniform numbers, drawn in single precision: a study has the same plants in both."""
+    share = jax.random.uniform(key, shape, jnp.float32).astype(float)
+    return low + (high - low) * share
 
 
 Distribution = Callable[[Array, int], Lags]

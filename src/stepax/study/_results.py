@@ -68,7 +68,7 @@ class StudyResults:
         """One row a group of results: errors, and what was refused.
 
         **Arguments:** `by`: columns of `to_frame()` that make the groups. `quantiles`: shares, each
-        a column `q05`, `q50`, ...; `bootstrap`: samples with replacement of a group's *plants*,
+        a column q05, q50, ...; `bootstrap`: samples with replacement of a group's *plants*,
         each with all its rows, from which the 95 % interval of the median comes (`median_low`,
         `median_high`); 0: none.
 

@@ -48,12 +48,12 @@ def run_study(
     - `chunk`: records that are computed together, which bounds the memory; default 16384, at most
         all. A store keeps the one that it was begun with.
     - `store`: a folder, in which each finished chunk is a file at once; a run that was stopped, by
-        whatever, goes on with the chunks that are missing. `pandas.read_parquet(store)` reads it.
+        whatever, goes on with the chunks that are missing. pandas.read_parquet(store) reads it.
         Several processes may work on one folder. Parquet needs `stepax[study]`; without it the
         files are .npz. Of another study it is a `ValueError`, if it cannot be written an `OSError`.
     - `progress`: a bar on stderr with the rate and the time that remains.
-    - `executor`: computes the chunks: any of `concurrent.futures`, or of a cluster, such as Dask's
-        `Client(...).get_executor()`. A process pool needs the start method "spawn": JAX has
+    - `executor`: computes the chunks: any executor of Python's, or of a cluster, such as Dask's
+        Client(...).get_executor(). A process pool needs the start method "spawn": JAX has
         threads, with which a fork may hang.
     - `chunks`: only these, such as `slice(3, None, 10)` for the fourth of ten jobs; others that the
         store has are read, too.

@@ -2,7 +2,7 @@
 
 Parquet where `pyarrow` is installed, else NumPy's .npz with the same columns. Names with an
 underscore or a point in front are no data for readers of Parquet folders, so that
-`pandas.read_parquet(FOLDER)` reads exactly the chunks.
+pandas.read_parquet(FOLDER) reads exactly the chunks.
 """
 
 import errno
