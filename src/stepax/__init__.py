@@ -12,6 +12,11 @@ from .curves._lookup import Lookup as Lookup, lookup as lookup
 from .curves._times import Curves as Curves, lookup_curves as lookup_curves
 from .fitting._refine import refine as refine
 from .fitting._solver import BoundedLevenbergMarquardt as BoundedLevenbergMarquardt
+from .layer._lti import LayerState as LayerState, LTILayer as LTILayer
+from .layer._unconstrained import (
+    from_unconstrained as from_unconstrained,
+    to_unconstrained as to_unconstrained,
+)
 from .methods import METHODS as METHODS
 from .models._plants import (
     FOPDT as FOPDT,

@@ -185,19 +185,48 @@ def test_ends_of_the_range_of_r(cls):
         assert np.allclose(cls(T=1.7, r=r, n=4).step_response(T), expected, rtol=0, atol=1e-12)
 
 
-def test_outside_their_range_models_are_nan():
-    for model in (
-        Hudzovic(T=1, r=0.5, n=3),
-        Hudzovic(T=1, r=-0.1, n=3),
-        Sani(T=1, r=-0.1, n=3),
-        PTn(lags=np.array([1.0, -1.0])),
-        EqualLag(T=1, n=41.0),
-        IPDT(T=-1e-3),
-    ):
-        y = model.step_response(T)
-        assert np.all(y[:2] == 0) and np.all(np.isnan(y[2:]))
+OUTSIDE = {
+    "Hudzovic": [{"T": 0.0}, {"T": -1.0}, {"r": 0.5}, {"r": -0.1}],
+    "Sani": [{"T": 0.0}, {"T": -1.0}, {"r": -0.1}, {"r": 1.001}],
+    "EqualLag": [{"T": 0.0}, {"T": -1.0}, {"n": jnp.asarray(9)}],
+    "EqualLag, real n": [{"T": -1.0}, {"n": 41.0}],
+    "PTn": [{"lags": np.array([1.0, -1.0])}, {"lags": np.array([np.nan, 1.0])}],
+    "FOPDT": [{"T": 0.0}, {"T": -1.0}],
+    "SOPDT": [{"zeta": 0.0}, {"zeta": -0.1}, {"omega_n": -1.0}, {"omega_n": 0.0}],
+    "SOPDTZero": [{"zeta": -0.1}, {"omega_n": -1.0}, {"lead": np.nan}],
+    "IPDT": [{"T": -1e-3}],
+}
+
+
+@families
+def test_outside_their_range_models_are_nan(name):
+    """Before the step too, and however the plant is asked."""
+    for changes in (*OUTSIDE[name], {"delay": -0.1}, {"delay": np.nan}):
+        model = make(name, **changes)
+        for y in (
+            model.step_response(T),
+            model.impulse_response(T),
+            model.frequency_response(T + 2),
+            model.respond(T, T),
+        ):
+            assert np.all(np.isnan(y)), changes
+    assert not model.admissible and make(name).admissible
+
+
+def test_a_shape_without_effect_has_no_range():
     first_order = FOPDT(T=1).step_response(T)
     assert np.allclose(Hudzovic(T=1, r=7.0, n=1).step_response(T), first_order, rtol=1e-14)
+
+
+@families
+def test_several_plants_in_one_are_sent_to_vmap(name):
+    model = make(name)
+    several = jax.tree.map(lambda x: jnp.stack([jnp.asarray(x)] * 2), model)
+    for ask in (model.__class__.step_response, model.__class__.impulse_response):
+        with pytest.raises(ValueError, match=r"one plant.*jax\.vmap"):
+            ask(several, T)
+    with pytest.raises(ValueError, match=r"delay has the shape \(2,\).*jax\.vmap"):
+        make(name, delay=np.ones(2)).respond(T, T)
 
 
 # ---- transformations

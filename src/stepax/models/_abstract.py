@@ -21,7 +21,9 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Int, Shaped
 from .._arrays import Flag, Lags, Samples, Scalar, as_real
 from ._contour import Slopes, chain_derivatives, chain_response
 from ._export import control_transfer_function, scipy_transfer_function
-from ._orders import as_order
+from ._free import free_positive, free_ratio, positive, ratio
+from ._motions import chain_motions
+from ._orders import as_order, in_range
 from ._realisation import AbstractRealisation, ChainRealisation
 from ._respond import respond
 
@@ -94,6 +96,34 @@ class AbstractPlant(eqx.Module):
     # Facts of a class are not annotated: an annotation would make them fields.
     settles = True
     """Whether the response to a step comes to rest."""
+
+    @abc.abstractmethod
+    def own_in_range(self) -> Any:
+        """Whether its own parameters lie in the range of the family."""
+
+    @abc.abstractmethod
+    def own_to_free(self) -> dict[str, Array]:
+        """Its own real parameters as numbers without bounds (`_free`), by name."""
+
+    @abc.abstractmethod
+    def own_from_free(self) -> dict[str, Array]:
+        """Its own parameters, where it holds numbers without bounds in their place."""
+
+    @property
+    def admissible(self) -> Flag:
+        """Whether own parameters and dead time lie in their range: else every response is NaN."""
+        return (self.delay >= 0) & self.own_in_range()
+
+    @property
+    def checked_gain(self) -> Array:
+        """The gain of one plant, NaN outside the range of its parameters."""
+        for name in self.parameter_names:
+            if jnp.ndim(getattr(self, name)) != (name == "lags"):
+                raise ValueError(
+                    f"{type(self).__name__} is one plant, and its {name} has the shape"
+                    f" {jnp.shape(getattr(self, name))}; for several plants use jax.vmap."
+                )
+        return jnp.where(self.admissible, self.gain, jnp.nan)
 
     @abc.abstractmethod
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
@@ -177,34 +207,27 @@ class AbstractPlant(eqx.Module):
         """Dimension of a parameter, in terms of "time", "input" and "output"; "1" for none."""
         return self.__dataclass_fields__[name].metadata.get("dimension", "1")
 
-    def in_unit(self, unit: Scalar) -> Any:
-        """The same plant where `unit` of a new unit of time are one of the old; slopes with it."""
-        powers = {"time": 1, "per time": -1, "output/(input time)": -1}
-        power = {name: powers.get(self.dimension(name), 0) for name in self.parameter_names}
-        moved = {name: getattr(self, name) * unit**k for name, k in power.items() if k}
-        return dataclasses.replace(self, **moved)
-
     def _elapsed(self, t: ArrayLike) -> Array:
         """Time since the response begins."""
         return as_real(t) - self.delay
 
     def step_response(self, t: Float[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
         """Response to a unit step at t = 0, at times `t` of any shape."""
-        return self.offset + self.gain * self.unit_response(self._elapsed(t))
+        return self.offset + self.checked_gain * self.unit_response(self._elapsed(t))
 
     def impulse_response(self, t: Float[ArrayLike, "*shape"]) -> Float[Array, "*shape"]:
         """Response to a unit impulse at t = 0: the derivative of the step response.
 
         Its accuracy is absolute, relative to its largest value; 0 up to the delay.
         """
-        elapsed = self._elapsed(t)
+        gain, elapsed = self.checked_gain, self._elapsed(t)
         _, slope = jax.jvp(self.unit_response, (elapsed,), (jnp.ones_like(elapsed),))
-        return self.gain * slope
+        return gain * slope
 
     def frequency_response(self, omega: Float[ArrayLike, "*shape"]) -> Complex[Array, "*shape"]:
         r"""Complex $G(j\omega)$ at angular frequencies `omega` (radian per unit of time)."""
         s = 1j * as_real(omega)
-        return self.gain * jnp.exp(-s * self.delay) * self.unit_transfer_function(s)
+        return self.checked_gain * jnp.exp(-s * self.delay) * self.unit_transfer_function(s)
 
     def respond(
         self, t: Float[ArrayLike, "..."], u: Float[ArrayLike, "..."], hold: str = "zero"
@@ -220,17 +243,13 @@ class AbstractPlant(eqx.Module):
         Time and memory grow as the number N of samples (a real order of equal lags: N log N, at
         uneven times N^2). A whole number of sampling intervals is as good a dead time as any other.
         """
-        return respond(self, t, u, hold)
+        return self.offset + self.checked_gain * respond(self, t, u, hold)
 
-    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation | None:
+    def realise(self, interval: Scalar) -> AbstractRealisation | None:
         """As a linear system with a state, sampled at intervals of at least `interval`.
 
-        None for a plant that has no finite state: it has a `unit_ramp`.
+        None for a plant without a finite state, which has a `unit_ramp` and `mean_response`.
         """
-        raise NotImplementedError
-
-    def unit_ramp(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        """Response to a ramp of slope 1, for gain 1 without offset and delay."""
         raise NotImplementedError
 
     def __repr__(self) -> str:
@@ -307,21 +326,12 @@ class AbstractChain(AbstractPlant):
         return chain_response(t, self.lags)
 
     def own_motions(self, t: Samples) -> list[Samples]:
-        r"""1 less the step responses of the largest lag, the two largest, and so on.
+        """One a lag."""
+        return chain_motions(t, self.lags)
 
-        $1/s - G_k(s)/s$ has the poles of the first k lags and no other, so that these span all
-        motions, with equal lags too; and none is ever larger than 1.
-        """
-        lags = -jnp.sort(-self.lags)
-        motions = []
-        for k in range(1, lags.size + 1):
-            first = jnp.where(np.arange(lags.size) < k, lags, 0)
-            motions.append(jnp.where(lags[k - 1] > 0, 1 - chain_response(t, first), 0))
-        return motions
-
-    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation | None:
+    def realise(self, interval: Scalar) -> AbstractRealisation | None:
         """One state for each lag."""
-        return ChainRealisation(self.lags, interval, even)
+        return ChainRealisation(self.lags, interval)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s), the product over the lags."""
@@ -365,6 +375,20 @@ class AbstractSpreadChain(AbstractChain):
     @abc.abstractmethod
     def width_of_r(cls, n) -> Any:
         """Length of the range of r."""
+
+    def own_to_free(self) -> dict[str, Array]:
+        """The sum of the lags, and the ratio of rates."""
+        return {"T": free_positive(jnp.sum(self.lags)), "r": free_ratio(self.ratio)}
+
+    def own_from_free(self) -> dict[str, Array]:
+        """T and r."""
+        r = self.r_of_ratio(ratio(self.r), self.n)
+        lags = dataclasses.replace(self, T=jnp.ones_like(r), r=r).lags
+        return {"T": positive(self.T) / jnp.sum(lags), "r": r}
+
+    def own_in_range(self) -> Any:
+        """T > 0, r of that order, and an order that can be evaluated."""
+        return (self.T > 0) & self.has_shape(self.r, self.n) & in_range(self.n)
 
     def response_and_slope(self, t: Array) -> tuple[Array, Array]:
         """g and t dg/dt."""

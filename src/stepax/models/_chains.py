@@ -20,9 +20,12 @@ from ._abstract import (
     TimeScales,
 )
 from ._contour import Slopes, chain_response, chain_slopes
+from ._free import free_odds, free_positive, positive, root_of_odds
 from ._orders import as_real_order, in_range, positions
 from ._realisation import AbstractRealisation
 from ._responses import (
+    MAX_REAL_ORDER,
+    equal_lag_ramp,
     equal_lag_response,
     equal_spacing_inflection,
     equal_spacing_response,
@@ -169,6 +172,25 @@ class EqualLag(AbstractChain):
         """Whether n is a whole number by type, and no parameter."""
         return isinstance(self.n, int) or jnp.issubdtype(self.n.dtype, jnp.integer)
 
+    def own_in_range(self) -> Any:
+        """T > 0, and an order that can be evaluated."""
+        order = (self.n > 0) & (self.n <= MAX_REAL_ORDER)
+        return (self.T > 0) & (in_range(self.n) if self.is_whole else order)
+
+    def own_to_free(self) -> dict[str, Array]:
+        """n T, and a real n."""
+        free = {"T": free_positive(self.n * self.T)}
+        if self.is_whole:
+            return free
+        return free | {"n": free_odds(jnp.sqrt(self.n / (MAX_REAL_ORDER - self.n)))}
+
+    def own_from_free(self) -> dict[str, Array]:
+        """T, and a real n."""
+        if self.is_whole:
+            return {"T": positive(self.T) / self.n}
+        n = MAX_REAL_ORDER / (1 + root_of_odds(-jnp.asarray(self.n)) ** 2)
+        return {"T": positive(self.T) / n, "n": n}
+
     def _whole_order(self) -> Any:
         if isinstance(self.n, int) or self.is_whole:
             return self.n
@@ -192,14 +214,28 @@ class EqualLag(AbstractChain):
         rate = jnp.where(in_range(self.n), jnp.ones_like(self.T), jnp.nan)
         return equal_spacing_response(t / self.T, rate, jnp.zeros_like(self.T), self.n)
 
-    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation | None:
+    def realise(self, interval: Scalar) -> AbstractRealisation | None:
         """One state for each lag; a real order has no finite number of them."""
-        return super().realise(interval, even) if self.is_whole else None
+        return super().realise(interval) if self.is_whole else None
 
     def unit_ramp(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
-        r"""$t\,P(n, t/T) - n T\,P(n+1, t/T)$, the integral of the response to a step."""
-        more = equal_lag_response(t, self.T, self.n + 1)
-        return t * self.unit_response(t) - self.n * self.T * more
+        """The integral of the response to a step, in closed form."""
+        return equal_lag_ramp(t, self.T, self.n)
+
+    def mean_response(self, t: Samples, width: Scalar) -> Samples:
+        """Mean of g over a `width` of time up to each t; t rises by the same width.
+
+        Differences of the ramp lose digits where the width is short beside T; there quadrature
+        serves, but for the first two means, whose integrand begins like a root or a power.
+        """
+        ends = jnp.concatenate([t[:1] - width, t])
+        exact = jnp.diff(self.unit_ramp(ends)) / width
+        nodes, weights = np.polynomial.legendre.leggauss(8)
+        mean = sum(
+            weight / 2 * self.unit_response(t - (1 - node) / 2 * width)
+            for node, weight in zip(nodes, weights, strict=True)
+        )
+        return jnp.where((width > self.T) | (jnp.arange(t.size) < 2), exact, mean)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s), also for a fractional n."""
@@ -224,6 +260,22 @@ class PTn(AbstractChain):
 
     lags: Float[Array, "..."] = eqx.field(converter=as_real, metadata=TIME)  # pyright: ignore[reportIncompatibleMethodOverride, reportAssignmentType]
 
+    def own_in_range(self) -> Any:
+        """Lags >= 0."""
+        return jnp.all(self.lags >= 0)
+
+    def _paces(self) -> Array:
+        """How fast each lag moves in its free number: equal lags part."""
+        return 1 + 0.1 * jnp.arange(self.lags.size, dtype=self.lags.dtype)
+
+    def own_to_free(self) -> dict[str, Array]:
+        """Each lag."""
+        return {"lags": free_positive(self.lags) / self._paces()}
+
+    def own_from_free(self) -> dict[str, Array]:
+        """Each lag."""
+        return {"lags": positive(self.lags * self._paces())}
+
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), by contour quadrature."""
         return chain_response(t, jnp.where(self.lags >= 0, self.lags, jnp.nan))
@@ -240,6 +292,18 @@ class FOPDT(AbstractChain):
     """
 
     T: Float[Array, "..."] = eqx.field(converter=as_real, metadata=TIME)
+
+    def own_in_range(self) -> Any:
+        """T > 0."""
+        return self.T > 0
+
+    def own_to_free(self) -> dict[str, Array]:
+        """T."""
+        return {"T": free_positive(self.T)}
+
+    def own_from_free(self) -> dict[str, Array]:
+        """T."""
+        return {"T": positive(self.T)}
 
     @property
     def lags(self) -> Lags:

@@ -17,22 +17,27 @@ ROWS = 64
 
 
 def convolved_response(
-    step: Response, ramp: Response, delay: Scalar, interval: Scalar, u: Samples, hold: str
+    step: Response,
+    mean: Callable[[Samples, Scalar], Samples],
+    delay: Scalar,
+    interval: Scalar,
+    u: Samples,
+    hold: str,
 ) -> Samples:
     """On an even grid by Fourier transforms, N log N.
 
     The moves of the input are convolved, not itself: they keep the absolute error of the response.
+    A move along a line is answered by the `mean` of the response over an interval.
     """
     count = u.shape[0]
     whole, phase = dead_time(delay, interval, count)
     t = interval * (jnp.arange(count) + phase)
     moves = jnp.diff(u)
     if hold == "zero":
-        y = u[0] * step(t) + _convolve(step(t), jnp.concatenate([0 * u[:1], moves]))
+        y = _convolve(step(t), jnp.concatenate([u[:1], moves]))
     else:
-        edges = ramp(jnp.concatenate([t[:1] - interval, t]))
-        y = u[0] * step(t) + _convolve(jnp.diff(edges) / interval, jnp.append(moves, 0))
-    return put_off(jnp.concatenate([jnp.zeros_like(y[:1]), y[:-1]]), whole)
+        y = u[0] * step(t) + _convolve(mean(t, interval), jnp.append(moves, 0))
+    return put_off(y, whole + 1)
 
 
 def _convolve(kernel: Samples, moves: Samples) -> Samples:

@@ -1,4 +1,4 @@
-"""Orders of chains: whole, or real for equal lags."""
+"""Orders of chains: numbers that stay static, or arrays of them."""
 
 import operator
 from typing import Any

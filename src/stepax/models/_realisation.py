@@ -4,10 +4,10 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .._arrays import Lags, Scalar
-from ._transition import WIDEST, chain_transition, doublings, second_order_transition, shortest_lag
+from ._transition import chain_transition, second_order_transition, shortest_lag
 
 
 class AbstractRealisation(eqx.Module):
@@ -33,31 +33,30 @@ class ChainRealisation(AbstractRealisation):
 
     Lags below `shortest_lag` of the shortest sampling interval are dead time. The largest come
     first, so that what is no lag stands at the end, and the output is the last state that is one.
-    Where intervals are not `even`, the longest may be many times longer.
     """
 
     rates: Lags
+    present: Bool[Array, " lags"]
     later: Scalar
-    squarings: int = eqx.field(static=True)
     integrators: int = eqx.field(static=True)
 
-    def __init__(self, lags: Lags, interval: Scalar, even: bool, integrators: int = 0):
+    def __init__(self, lags: Lags, interval: Scalar, integrators: int = 0):
         dtype = jnp.result_type(lags, interval)
         lags = -jnp.sort(-lags.astype(dtype))
-        short = lags < shortest_lag(dtype) * interval
-        self.later = jnp.sum(jnp.where(short, lags, 0))
-        self.rates = jnp.where(short, 0, 1 / jnp.where(short, 1, lags))
-        self.squarings = doublings(dtype) if even else WIDEST
+        least = shortest_lag(dtype) * interval
+        self.present = ~(lags < least)
+        self.later = jnp.sum(jnp.where(self.present, 0, lags))
+        self.rates = 1 / jnp.where(self.present, lags, least)
         self.integrators = integrators
 
     def transition(self, time: Scalar) -> Float[Array, "states states"]:
-        """By squaring."""
-        return chain_transition(time, self.rates, self.integrators, self.squarings)
+        """By divided differences."""
+        return chain_transition(time, self.rates, self.present, self.integrators)
 
     @property
     def readout(self) -> Float[Array, " states"]:
         """The last lag, or what drives the first."""
-        last = 1 + self.integrators + jnp.sum(self.rates > 0)
+        last = 1 + self.integrators + jnp.sum(self.present)
         states = jnp.arange(2 + self.integrators + self.rates.size)
         return (states == last).astype(self.rates.dtype)
 

@@ -20,7 +20,7 @@ HOLDS = ("zero", "first")
 
 
 def respond(plant: Any, t: Any, u: Any, hold: str) -> Samples:
-    """Response to samples of an input at any times; what cannot be is said or, traced, NaN."""
+    """Response of gain 1 to samples at any times; what cannot be is said or, traced, NaN."""
     t, u = as_real(t), as_real(u)
     check_hold(hold)
     if t.ndim != 1 or t.shape != u.shape:
@@ -65,7 +65,7 @@ def is_even(t: Any, xp: Any = jnp) -> Any:
 
 
 def respond_evenly(plant: Any, interval: Scalar, u: Samples, hold: str) -> Samples:
-    """Response to samples of the input every `interval`, which can be traced.
+    """Response of gain 1 to samples of the input every `interval`, which can be traced.
 
     Order N in time and memory; for a real order of equal lags N log N.
     """
@@ -75,13 +75,15 @@ def respond_evenly(plant: Any, interval: Scalar, u: Samples, hold: str) -> Sampl
 @eqx.filter_jit
 def _evenly(plant: Any, interval: Scalar, u: Samples, hold: str) -> Samples:
     if u.shape[0] < 2:  # at rest up to the first sample
-        return _levels(plant, 0 * u)
-    realisation = plant.realise(interval, True)
+        return 0 * u
+    realisation = plant.realise(interval)
     if realisation is None:
-        y = convolved_response(plant.unit_response, plant.unit_ramp, plant.delay, interval, u, hold)
+        y = convolved_response(
+            plant.unit_response, plant.mean_response, plant.delay, interval, u, hold
+        )
     else:
         y = even_response(realisation, plant.delay, interval, u, hold)
-    return _levels(plant, y)
+    return y
 
 
 @eqx.filter_jit
@@ -89,19 +91,19 @@ def respond_unevenly(
     plant: Any, t: Samples, u: Samples, hold: str, at: Float[Array, " outputs"] | None = None
 ) -> Array:
     """Response to samples at times that increase; there, or `at` any times up to the last."""
-    realisation = plant.realise(jnp.min(jnp.diff(t)), False)
+    realisation = plant.realise(jnp.min(jnp.diff(t)))
     if realisation is None:
         y = superposed_response(plant.unit_response, plant.unit_ramp, plant.delay, t, u, hold, at)
     else:
         y = uneven_response(realisation, plant.delay, t, u, hold, at)
-    return _levels(plant, y)
+    return y
 
 
 @eqx.filter_jit
 def _respond_traced(plant: Any, t: Samples, u: Samples, hold: str) -> Samples:
     """Even or not is decided when it runs; NaN where the times do not increase."""
     if t.shape[0] < 2:
-        return _levels(plant, 0 * u)
+        return 0 * u
     y = jax.lax.cond(
         is_even(t),
         lambda plant, t, u: _evenly(plant, interval_of(t), u, hold),
@@ -111,7 +113,3 @@ def _respond_traced(plant: Any, t: Samples, u: Samples, hold: str) -> Samples:
         u,
     )
     return jnp.where(jnp.all(jnp.diff(t) > 0), y, jnp.nan)
-
-
-def _levels(plant: Any, y: Array) -> Array:
-    return plant.offset + plant.gain * y

@@ -204,7 +204,9 @@ def _before_overflow(t: Array, slowest: Scalar) -> Array:
 
 
 @jax.jit
-def equal_lag_response(t: Float[Array, "*shape"], T: Scalar, n: Scalar) -> Float[Array, "*shape"]:
+def equal_lag_response(
+    t: Float[Array, "*shape"], T: Scalar, n: int | Scalar
+) -> Float[Array, "*shape"]:
     r"""$1/(1 + sT)^n$ for real n: the gamma distribution function $P(n, x)$, $x = t/T$.
 
     Split $n = a + k$ with $1 < a \le 2$ (k = 0 for n <= 1) and step up the recurrence
@@ -233,6 +235,22 @@ def equal_lag_response(t: Float[Array, "*shape"], T: Scalar, n: Scalar) -> Float
     g = lag_power_response(t, T, a) - first * total
     valid = (n > 0) & (n <= MAX_REAL_ORDER)
     return jnp.where(started, jnp.where(valid, g, jnp.nan), 0)
+
+
+def equal_lag_ramp(t: Float[Array, "*shape"], T: Scalar, n: int | Scalar) -> Float[Array, "*shape"]:
+    r"""Integral of `equal_lag_response` over time: $t - nT$ and what is left of the transient,
+
+    $$ T x^n e^{-x}/\Gamma(n) - (t - nT) (1 - P(n, x)), \qquad x = t/T, $$
+
+    which is below rounding from 2 n + 60 lags on; there an error of P would be multiplied by t.
+    """
+    started, after = _after_start(t)
+    x = after / T
+    over = x > 2 * n + 60
+    x = jnp.where(over, 1, x)
+    short = (x - n) * (1 - equal_lag_response(x, jnp.ones_like(T), n))
+    rest = T * (jnp.exp(n * jnp.log(x) - x - gammaln(n)) - short)
+    return jnp.where(started, after - n * T + jnp.where(over, 0, rest), 0)
 
 
 @jax.jit

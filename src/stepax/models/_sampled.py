@@ -20,11 +20,12 @@ from jaxtyping import Array, Float
 
 from .._arrays import Count, Samples, Scalar
 from ._realisation import AbstractRealisation
-from ._transition import EXACT
 
 
-BLOCK = 32
+BLOCK = 16
 """Samples at once: with more, products within the block cost more than steps between them."""
+EXACT = jax.lax.Precision.HIGHEST
+"""Of matrix products: accelerators multiply single precision with ten bits unless told so."""
 
 
 class Difference(NamedTuple):
@@ -57,26 +58,27 @@ def difference_equation(
 
 def march(
     step: Difference, state: Float[Array, " n"], u: Samples
-) -> tuple[Float[Array, " intervals"], Float[Array, " n"]]:
-    """Outputs in the intervals between samples of u, and the state at the last sample."""
-    count = u.shape[0] - 1
-    if not count:
-        return u[:0], state
+) -> tuple[Samples, Float[Array, " n"]]:
+    """Outputs in the intervals after each sample, without the share of the next one; last state.
+
+    The state is that which the equation is written for, at the first sample and one interval after
+    the last.
+    """
+    count = u.shape[0]
     size = min(BLOCK, 1 << (count - 1).bit_length())
     blocks = -(-count // size)
-    held = jnp.pad(u[:-1], (0, blocks * size - count)).reshape(blocks, size)
+    held = jnp.pad(u, (0, blocks * size - count)).reshape(blocks, size)
     rows, columns, powers = _powers(step, size)
     kernel = jnp.concatenate([step.d[None], times(rows[:-1], step.b)])
-    inner = times(held, jnp.concatenate([_toeplitz(kernel), columns[:, ::-1].T], axis=1))
 
     def carry(x, moved):
         return times(powers[-1], x) + moved, x
 
-    _, states = jax.lax.scan(carry, state - step.jump * u[0], inner[:, size:])
-    y = (inner[:, :size] + times(states, rows.T)).reshape(-1)[:count] + step.e * u[1:]
+    _, states = jax.lax.scan(carry, state, times(held, columns[:, ::-1].T))
+    y = times(held, _toeplitz(kernel)) + times(states, rows.T)
     rest = count - (blocks - 1) * size
-    last = times(columns[:, :rest][:, ::-1], held[-1, :rest]) + step.jump * u[-1]
-    return y, last + times(_power(powers, rest), states[-1])
+    last = times(columns[:, :rest][:, ::-1], held[-1, :rest])
+    return y.reshape(-1)[:count], last + times(_power(powers, rest), states[-1])
 
 
 def times(a: Array, b: Array) -> Array:
@@ -110,7 +112,7 @@ def _toeplitz(kernel: Array) -> Array:
     return jnp.tile(row, size)[: size * (2 * size - 1)].reshape(size, 2 * size - 1)[:, :size]
 
 
-def put_off(y: Samples, count: Count) -> Samples:
+def put_off(y: Samples, count: Count | int) -> Samples:
     """The same numbers, later by a count of places that follow from the data; zeros before."""
     behind = jnp.concatenate([jnp.zeros_like(y), y])
     return jax.lax.dynamic_slice_in_dim(behind, y.shape[0] - count, y.shape[0])
@@ -122,13 +124,15 @@ def even_response(
     """Response to samples of the input every `interval`, put off by a dead time."""
     whole, phase = dead_time(delay + realisation.later, interval, u.shape[0])
     step = difference_equation(realisation, interval, phase, hold)
-    y, _ = march(step, jnp.zeros_like(step.b), u)
-    return put_off(jnp.concatenate([jnp.zeros_like(y[:1]), y]), whole)
+    y, _ = march(step, -step.jump * u[0], u)
+    if hold == "first":
+        y = y + step.e * jnp.roll(u, -1)  # that of the last interval is not asked for
+    return put_off(y, whole + 1)
 
 
 def dead_time(delay: Scalar, interval: Scalar, most: int) -> tuple[Count, Scalar]:
-    """Whole intervals of a dead time, at most so many, and what of one is left after its part."""
+    """Whole intervals of a dead time, fewer than `most`, and what of one is left after its part."""
     late = delay / interval
     whole = jnp.floor(late)
-    count = jnp.where(whole >= 0, jnp.minimum(whole, most), 0)  # NaN is no whole number
+    count = jnp.where(whole >= 0, jnp.minimum(whole, most - 1), 0)  # NaN is no whole number
     return count.astype(int), 1 - (late - whole)

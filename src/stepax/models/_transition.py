@@ -4,15 +4,18 @@ A plant and its input are one linear system, $\dot x = A x$, whose first two sta
 the input and the input itself; then the state after a time t is $e^{A t} x$, for an input held
 constant or moving along a line alike (C. Van Loan 1978, IEEE Trans. Automatic Control 23, 395-404).
 
-The exponential is squared up from a short time h = t/2^k, where a few terms of its series do. That
-keeps all digits although one lag may be a million times longer than another. In a chain of lags all
-entries are positive: sums do not cancel, and entries off the diagonal gain a rounding error or two
-in each squaring. The diagonal, whose errors would double each time, is written down
-(A. Al-Mohy, N. Higham 2009, SIAM J. Matrix Anal. Appl. 31, 970-989). For two poles of any damping
-the same is done with their response, which keeps its digits while it is small.
+**Chains of lags.** A is bidiagonal, and entry (i, j) of the exponential is the product of the
+couplings between the two states times a divided difference of $e^{-x}$ at $x_j, \dots, x_i$, the
+time over each lag. Divided differences by their definition lose all digits where lags are nearly
+equal, and by a series where they are far apart; as in A. McCurdy, K. Ng, B. Parlett (1984,
+"Accurate computation of divided differences of the exponential function", Math. Comp. 43, 501-528)
+each entry is computed in the way that suits it. With the x ascending all is positive where it is
+summed up, whatever their ratios.
+
+**Two poles of any damping** are squared up from a short time, where a few terms of the series do,
+with their response, which keeps its digits while it is small.
 """
 
-import functools
 import math
 
 import jax
@@ -23,11 +26,8 @@ from jaxtyping import Array, Float
 from .._arrays import Lags, Scalar
 
 
-EXACT = jax.lax.Precision.HIGHEST
-"""Of matrix products: accelerators multiply single precision with ten bits unless told so."""
-
 WIDEST = 43
-"""A time over the shortest time constant is followed up to 2^43; what is shorter counts as that."""
+"""A time over the shortest time constant of two poles is followed up to 2^42."""
 
 
 def shortest_lag(dtype) -> float:
@@ -38,53 +38,81 @@ def shortest_lag(dtype) -> float:
     return 1e-4 if jnp.finfo(dtype).bits <= 32 else 1e-7
 
 
-def doublings(dtype) -> int:
-    """Squarings after which an interval over its `shortest_lag` is below 1/2 at the start."""
-    return math.ceil(math.log2(1 / shortest_lag(dtype))) + 1
-
-
 def chain_transition(
-    time: Scalar, rates: Lags, integrators: int, squarings: int
+    time: Scalar, rates: Lags, present: Array, integrators: int
 ) -> Float[Array, "states states"]:
     r"""$e^{A t}$ of slope, input, its integrals if so wished, and a chain of lags behind them.
 
-    $\dot x_i = r_i (x_{i-1} - x_i)$ for rates r = 1/T; a rate of 0 is no lag: it, and what comes
-    after it, stays 0. A rate times the time is at most $2^{k-1}$ after k squarings; what is faster
-    counts as that.
+    $\dot x_i = r_i (x_{i-1} - x_i)$ for `rates` r = 1/T > 0, ascending. States from the first that
+    is not `present` on stay 0.
     """
-    rates = _limited(rates, time, squarings)
-    free = jnp.zeros(2 + integrators, rates.dtype)
-    falls = jnp.concatenate([free, rates])
-    one = jnp.eye(falls.size, dtype=jnp.result_type(time, rates))
-    short = jnp.diag(jnp.concatenate([free[1:] + 1, rates]), -1) - jnp.diag(falls)
-    short = short * (time * 0.5**squarings)
-    # the first term of the last entry is the product of all couplings, and what follows it
-    # shrinks faster than 2^-k/k!: 1e-17 after 13 more
-    terms = np.arange(falls.size + 12, 0, -1.0)
+    x = rates * time
+    free = jnp.zeros(2 + integrators, x.dtype)
+    coupled = jnp.concatenate([free[:1], free[1:] + time, jnp.where(present, x, 0)])
+    x = jnp.concatenate([free, x])
+    ahead = _ahead(x)
+    here = np.add.outer(np.arange(x.size), np.arange(x.size)) < x.size
+    span = jnp.where(here, ahead - x[:, None], 0)
+    near = span < 1
+    by_series = _near(jnp.where(near, span, 0), coupled) * jnp.exp(-x)[:, None]
 
-    def series(total, k):
-        return one + jnp.matmul(short, total, precision=EXACT) / k, None
+    def difference(entries, row):
+        near, by_series, span, coupling = row
+        following = jnp.append(coupled[1:] * entries[1:], 0)
+        apart = (coupling * entries - following) / jnp.where(near, 1, span)
+        entries = jnp.where(near, by_series, apart)
+        return entries, entries
 
-    def square(power, share):
-        power = jnp.matmul(power, power, precision=EXACT)
-        return jnp.where(one > 0, jnp.exp(-falls * time * share)[:, None], power), None
-
-    power, _ = jax.lax.scan(series, one, jnp.asarray(terms, one.dtype))
-    shares = jnp.asarray(0.5 ** np.arange(squarings - 1, -1, -1.0), one.dtype)
-    return jax.lax.scan(square, power, shares)[0]
-
-
-def _limited(rates: Array, time: Scalar, squarings: int) -> Array:
-    """Rates so slow that the time times half a power of them can be squared up."""
-    most = 2.0 ** (squarings - 1)
-    fast = rates * time > most
-    return jnp.where(fast, most / jnp.where(fast, time, 1), rates)
+    rows = [table.T[1:] for table in (near, by_series, span, _ahead(coupled))]
+    _, entries = jax.lax.scan(difference, by_series[:, 0], rows)
+    return _columns(jnp.where(here, jnp.concatenate([by_series[:, :1], entries.T], axis=1), 0))
 
 
-@functools.partial(jax.jit, static_argnums=3)
-def second_order_transition(
-    time: Scalar, zeta: Scalar, omega_n: Scalar, squarings: int = WIDEST
-) -> Float[Array, "4 4"]:
+def _near(span: Array, coupled: Array) -> Array:
+    r"""Columns of the exponential of a chain, times $e^{x_j}$, where the x differ by `span` <= 1.
+
+    Column j by the series of $e^{(A + x_j) t}$, with the couplings above it.
+    """
+    # beyond where e^-x is 0 the couplings have no effect, but would overflow
+    most = -1.2 * math.log(float(jnp.finfo(span.dtype).tiny))
+    coupling = _ahead(jnp.minimum(coupled, most))
+    first = jnp.zeros_like(span).at[:, 0].set(1)
+    # 1/k! of what follows the first term of an entry is below rounding from k = 18 on (9)
+    more = 9 if jnp.finfo(span.dtype).bits <= 32 else 17
+
+    def add(total, k):
+        above = jnp.pad(total[:, :-1], ((0, 0), (1, 0)))
+        return first + (coupling * above - span * total) / k, None
+
+    terms = jnp.asarray(np.arange(span.shape[0] + more, 0, -1.0), span.dtype)
+    return jax.lax.scan(add, first, terms)[0]
+
+
+def _ahead(row: Array) -> Array:
+    """Table of row[j + d] by j and d, 0 beyond its end.
+
+    Cut from copies of the row side by side: no indices, whose derivatives would be slow.
+    """
+    size = row.shape[0]
+    row = jnp.concatenate([row, jnp.zeros_like(row)])
+    copies = jnp.tile(row, size + 1)[: size * (2 * size + 1)]
+    return copies.reshape(size, 2 * size + 1)[:, :size]
+
+
+def _columns(table: Array) -> Array:
+    """The matrix whose column j holds row j of a table from the diagonal on."""
+    size = table.shape[0]
+    return jnp.pad(table, ((0, 0), (0, 1))).reshape(-1)[: size * size].reshape(size, size).T
+
+
+def _limited(rate: Array, time: Scalar) -> Array:
+    """A rate so slow that the time times half a power of it can be squared up."""
+    most = 2.0 ** (WIDEST - 1)
+    fast = rate * time > most
+    return jnp.where(fast, most / jnp.where(fast, time, 1), rate)
+
+
+def second_order_transition(time: Scalar, zeta: Scalar, omega_n: Scalar) -> Float[Array, "4 4"]:
     r"""$e^{A t}$ of slope, input, output y and $w = \dot y/\omega_n$ of two poles, any damping.
 
     With $\tau = \omega_n t$ it consists of the responses g to a step and $\rho$ to a ramp of time
@@ -97,10 +125,10 @@ def second_order_transition(
     """
     # where even that many squarings begin too late, both poles are made slower alike: the sum of
     # two lags, all that is seen of them, stays
-    excess = jnp.maximum(jnp.maximum(1, 2 * zeta) * omega_n * time * 2.0 ** (1 - squarings), 1)
+    excess = jnp.maximum(jnp.maximum(1, 2 * zeta) * omega_n * time * 2.0 ** (1 - WIDEST), 1)
     zeta = zeta / jnp.sqrt(excess)
-    omega_n = _limited(omega_n / jnp.sqrt(excess), time, squarings)
-    tau = omega_n * time * 0.5**squarings
+    omega_n = _limited(omega_n / jnp.sqrt(excess), time)
+    tau = omega_n * time * 0.5**WIDEST
     g, sway, ramp = _second_order_series(tau, zeta)
 
     def double(parts, _):
@@ -109,7 +137,7 @@ def second_order_transition(
         g, sway = (2 - g) * g + sway * sway, 2 * sway * (1 - g - zeta * sway)
         return (g, sway, ramp, 2 * tau), None
 
-    parts, _ = jax.lax.scan(double, (g, sway, ramp, tau), length=squarings)
+    parts, _ = jax.lax.scan(double, (g, sway, ramp, tau), length=WIDEST)
     g, sway, ramp, _ = parts
     none, one = jnp.zeros_like(g), jnp.ones_like(g)
     rows = (

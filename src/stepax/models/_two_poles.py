@@ -1,14 +1,16 @@
 """Plants with two poles and dead time; a zero beside them, or one of them an integrator."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Complex, Float, Shaped
 
-from .._arrays import Flag, Lags, Samples, Scalar, as_real
+from .._arrays import Flag, Lags, Samples, Scalar, as_real, safe_sqrt
 from ._abstract import (
     RATE,
     SETTLED,
@@ -19,6 +21,7 @@ from ._abstract import (
     TimeScales,
 )
 from ._contour import Slopes
+from ._free import free_positive, positive
 from ._realisation import AbstractRealisation, ChainRealisation, SecondOrderRealisation
 from ._responses import (
     first_order_response,
@@ -39,6 +42,20 @@ class SOPDT(AbstractPlant):
     zeta: Float[Array, "..."] = eqx.field(converter=as_real)
     omega_n: Float[Array, "..."] = eqx.field(converter=as_real, metadata=RATE)
 
+    def own_in_range(self) -> Any:
+        """zeta > 0 and omega_n > 0."""
+        return (self.zeta > 0) & (self.omega_n > 0)
+
+    def own_to_free(self) -> dict[str, Array]:
+        """Damping and period."""
+        period = jnp.sqrt(1 + 4 * self.zeta**2) / self.omega_n
+        return {"zeta": free_positive(self.zeta), "omega_n": free_positive(period)}
+
+    def own_from_free(self) -> dict[str, Array]:
+        """zeta and omega_n."""
+        zeta = positive(self.zeta)
+        return {"zeta": zeta, "omega_n": jnp.sqrt(1 + 4 * zeta**2) / positive(self.omega_n)}
+
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), in closed form."""
         return second_order_response(t, self.zeta, self.omega_n)
@@ -54,9 +71,9 @@ class SOPDT(AbstractPlant):
         g, slope = jax.jvp(self.unit_response, (t,), (jnp.ones_like(t),))
         return [1 - g, slope / self.omega_n]
 
-    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation:
+    def realise(self, interval: Scalar) -> AbstractRealisation:
         """The output and its slope."""
-        del interval, even
+        del interval
         return SecondOrderRealisation(self.zeta, self.omega_n, jnp.zeros_like(self.zeta))
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
@@ -66,10 +83,14 @@ class SOPDT(AbstractPlant):
 
     @property
     def lags(self) -> Lags:
-        """Both time constants of an overdamped model, descending; `ValueError` if it oscillates."""
-        if not float(self.zeta) >= 1:
+        """Both time constants of an overdamped model, descending.
+
+        One that oscillates has none: `ValueError`; traced, NaN.
+        """
+        if not isinstance(self.zeta, Tracer) and not float(self.zeta) >= 1:
             raise ValueError(f"SOPDT with damping zeta = {self.zeta} < 1 has no real lags.")
-        slow = (self.zeta + jnp.sqrt((self.zeta - 1) * (self.zeta + 1))) / self.omega_n
+        excess = (self.zeta - 1) * (self.zeta + 1)
+        slow = (self.zeta + safe_sqrt(jnp.where(self.zeta >= 1, excess, jnp.nan))) / self.omega_n
         return jnp.stack([slow, 1 / (slow * self.omega_n**2)])
 
     @property
@@ -114,6 +135,20 @@ class SOPDTZero(AbstractPlant):
     def _without_zero(self) -> SOPDT:
         return SOPDT(zeta=self.zeta, omega_n=self.omega_n)
 
+    def own_in_range(self) -> Any:
+        """As in `SOPDT`; a lead of either sign."""
+        return self._without_zero.own_in_range() & jnp.isfinite(self.lead)
+
+    def own_to_free(self) -> dict[str, Array]:
+        """As in `SOPDT`, and lead over period."""
+        period = jnp.sqrt(1 + 4 * self.zeta**2) / self.omega_n
+        return self._without_zero.own_to_free() | {"lead": self.lead / period}
+
+    def own_from_free(self) -> dict[str, Array]:
+        """zeta, omega_n and lead."""
+        own = self._without_zero.own_from_free()
+        return own | {"lead": self.lead * positive(self.omega_n)}
+
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), in closed form."""
         return second_order_zero_response(t, self.zeta, self.omega_n, self.lead)
@@ -128,9 +163,9 @@ class SOPDTZero(AbstractPlant):
         """As without the zero."""
         return self._without_zero.own_motions(t)
 
-    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation:
+    def realise(self, interval: Scalar) -> AbstractRealisation:
         """The output and its slope."""
-        del interval, even
+        del interval
         return SecondOrderRealisation(self.zeta, self.omega_n, self.lead)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
@@ -187,6 +222,18 @@ class IPDT(AbstractPlant):
     )
     T: Float[Array, "..."] = eqx.field(converter=as_real, metadata=TIME)
 
+    def own_in_range(self) -> Any:
+        """T >= 0."""
+        return self.T >= 0
+
+    def own_to_free(self) -> dict[str, Array]:
+        """T."""
+        return {"T": free_positive(self.T)}
+
+    def own_from_free(self) -> dict[str, Array]:
+        """T."""
+        return {"T": positive(self.T)}
+
     def unit_response(self, t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
         """g(t), in closed form."""
         return lagged_ramp_response(t, self.T)
@@ -196,9 +243,9 @@ class IPDT(AbstractPlant):
         one = jnp.where(self.T > 0, self.T, 1)
         return [jnp.where(self.T > 0, 1 - first_order_response(t, one), 0)]
 
-    def realise(self, interval: Scalar, even: bool) -> AbstractRealisation:
+    def realise(self, interval: Scalar) -> AbstractRealisation:
         """The integral of the input, and the lag behind it."""
-        return ChainRealisation(self.lags, interval, even, integrators=1)
+        return ChainRealisation(self.lags, interval, integrators=1)
 
     def unit_transfer_function(self, s: Complex[Array, "*shape"]) -> Complex[Array, "*shape"]:
         """G(s); at 0, where a complex division would give NaN, its real part is infinite."""

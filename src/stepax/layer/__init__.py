@@ -1,0 +1,1 @@
+"""Plants as layers of larger programs, and parameters without bounds."""
