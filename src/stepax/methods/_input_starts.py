@@ -133,11 +133,11 @@ def _spectrum(row: Samples) -> Array:
     return jnp.fft.rfft(row, 1 << (2 * row.size - 1).bit_length())
 
 
-def _row(spectrum: Array, size: int) -> Samples:
+def _row(spectrum: Array, size: int) -> Array:
     return jnp.fft.irfft(spectrum)[:size]
 
 
-def _means(values: Samples, record: InputRecord, size: int) -> Samples:
+def _means(values: Samples, record: InputRecord, size: int) -> Array:
     """Means over even spans of what has these values between one row and the next."""
     area = jnp.append(jnp.zeros_like(values[:1]), jnp.cumsum(values * jnp.diff(record.t)))
     ends = jnp.asarray(np.arange(size + 1) / size, values.dtype)
