@@ -151,3 +151,30 @@ def test_what_cannot_be_asked_is_said():
         refine(StepRecord(T, record.y), START["SOPDT"], drift=True)
     with pytest.raises(ValueError, match="needs a plant at rest"):
         refine(record, START["SOPDT"], drift=True, loss="huber")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("at_rest", [True, False])
+@pytest.mark.parametrize("method", ["fopdt_fit", "sopdt_fit"])
+def test_prbs_gives_the_plant_within_three_standard_errors(method, at_rest):
+    """5 % noise, 1000 draws: each parameter in at least 99 % of them."""
+    plant = {
+        "fopdt_fit": stepax.FOPDT(T=6.0, gain=2.0, offset=5.0, delay=3.31),
+        "sopdt_fit": SOPDT(zeta=0.4, omega_n=0.5, gain=2.0, offset=5.0, delay=2.2),
+    }[method]
+    random = np.random.default_rng(5)
+    t = np.linspace(0.0, 100.0, 500)
+    u = 1.0 + 2.0 * np.repeat(random.integers(0, 2, 50), 10)
+    clean = np.asarray(predict(plant, InputRecord(t, t, u)))
+    if not at_rest:
+        clean = clean + 1.5 * np.asarray(plant.own_motions(jnp.asarray(t))[-1])
+    y = clean + 0.05 * np.std(clean) * random.normal(size=(1000, t.size))
+
+    def fit(y):
+        result = METHODS[method](InputRecord(t, y, u, at_rest=at_rest))
+        return result.model, result.std
+
+    model, std = jax.jit(jax.vmap(fit))(jnp.asarray(y))
+    for name, error in std.items():
+        away = np.abs(np.asarray(getattr(model, name)) - float(getattr(plant, name)))
+        assert np.mean(away <= 3 * np.asarray(error)) >= 0.99, name

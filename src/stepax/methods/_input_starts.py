@@ -19,6 +19,7 @@ from .._arrays import Samples
 from ..models._abstract import AbstractPlant
 from ..models._plants import FOPDT, IPDT, SOPDT, SOPDTZero
 from ..models._spread import chain_with_spread
+from ..models._units import in_unit
 from ..records._input import InputRecord
 from ..records._record import usable_record
 
@@ -132,11 +133,11 @@ def _spectrum(row: Samples) -> Array:
     return jnp.fft.rfft(row, 1 << (2 * row.size - 1).bit_length())
 
 
-def _row(spectrum: Array, size: int) -> Samples:
+def _row(spectrum: Array, size: int) -> Array:
     return jnp.fft.irfft(spectrum)[:size]
 
 
-def _means(values: Samples, record: InputRecord, size: int) -> Samples:
+def _means(values: Samples, record: InputRecord, size: int) -> Array:
     """Means over even spans of what has these values between one row and the next."""
     area = jnp.append(jnp.zeros_like(values[:1]), jnp.cumsum(values * jnp.diff(record.t)))
     ends = jnp.asarray(np.arange(size + 1) / size, values.dtype)
@@ -158,6 +159,6 @@ def _best(
     allowed = late == 0 if "delay" in fixed else late <= LONGEST_DELAY * size
     best = jnp.argmax(jnp.where(allowed, explained, -1))
     unit = safe.duration
-    found = plant(grid[best // size]).in_unit(unit)
+    found = in_unit(plant(grid[best // size]), unit)
     found = dataclasses.replace(found, delay=(best % size) * unit / size)
     return jax.lax.stop_gradient(found)

@@ -20,6 +20,7 @@ from jaxtyping import Array, ArrayLike, Complex, Float, Shaped
 from .._arrays import Flag, Lags, Samples, Scalar, as_real
 from ._contour import Slopes, chain_response
 from ._export import control_transfer_function, scipy_transfer_function
+from ._motions import chain_motions
 from ._realisation import AbstractRealisation, ChainRealisation
 from ._respond import respond
 
@@ -203,13 +204,6 @@ class AbstractPlant(eqx.Module):
         """Dimension of a parameter, in terms of "time", "input" and "output"; "1" for none."""
         return self.__dataclass_fields__[name].metadata.get("dimension", "1")
 
-    def in_unit(self, unit: Scalar) -> Any:
-        """The same plant where `unit` of a new unit of time are one of the old; slopes with it."""
-        powers = {"time": 1, "per time": -1, "output/(input time)": -1}
-        power = {name: powers.get(self.dimension(name), 0) for name in self.parameter_names}
-        moved = {name: getattr(self, name) * unit**k for name, k in power.items() if k}
-        return dataclasses.replace(self, **moved)
-
     def _elapsed(self, t: ArrayLike) -> Array:
         """Time since the response begins."""
         return as_real(t) - self.delay
@@ -329,17 +323,8 @@ class AbstractChain(AbstractPlant):
         return chain_response(t, self.lags)
 
     def own_motions(self, t: Samples) -> list[Samples]:
-        r"""1 less the step responses of the largest lag, the two largest, and so on.
-
-        $1/s - G_k(s)/s$ has the poles of the first k lags and no other, so that these span all
-        motions, with equal lags too; and none is ever larger than 1.
-        """
-        lags = -jnp.sort(-self.lags)
-        motions = []
-        for k in range(1, lags.size + 1):
-            first = jnp.where(np.arange(lags.size) < k, lags, 0)
-            motions.append(jnp.where(lags[k - 1] > 0, 1 - chain_response(t, first), 0))
-        return motions
+        """One a lag."""
+        return chain_motions(t, self.lags)
 
     def realise(self, interval: Scalar) -> AbstractRealisation | None:
         """One state for each lag."""

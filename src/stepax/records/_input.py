@@ -16,6 +16,7 @@ from .._status import Status
 from ..models._abstract import AbstractPlant
 from ..models._contour import chain_curvature
 from ..models._respond import check_hold, respond_evenly, respond_unevenly
+from ..models._units import in_unit
 from ._abstract import AbstractRecord, times_go_on
 from ._checks import as_rows, as_samples, as_weights
 from ._labels import Labels
@@ -246,7 +247,7 @@ class InputRecord(AbstractRecord):
         by_delay, *moved = [self._slope(plant, way) for way in ways]
 
         def stretched(unit: Scalar) -> Samples:
-            return self.response(dataclasses.replace(plant.in_unit(unit), delay=plant.delay))
+            return self.response(dataclasses.replace(in_unit(plant, unit), delay=plant.delay))
 
         one = jnp.ones_like(plant.delay)
         by_unit = jax.jvp(stretched, (one,), (one,))[1]
