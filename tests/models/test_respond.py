@@ -198,7 +198,7 @@ def test_what_respond_is_not_given():
         model.respond(T[::-1], U)
     with pytest.raises(ValueError, match="'zero', 'first'"):
         model.respond(T, U, "second")
-    traced = jax.jit(model.respond)
+    traced = jax.jit(lambda t, u: model.respond(t, u))
     assert np.all(np.isnan(traced(T[::-1], U)))
     for t in (T, UNEVEN):
         assert np.allclose(traced(t, U), model.respond(t, U), rtol=0, atol=1e-13)
