@@ -34,9 +34,21 @@ def test_one_pass_is_the_response_of_the_model(name, hold):
     assert np.allclose(y, PLANTS[name].respond(T, U, hold), rtol=1e-13, atol=0)
 
 
-@families
-@holds
-@pytest.mark.parametrize("size", [1, 7, 1000])
+EVERY = [
+    (name, hold, size) for name in PLANTS for hold in ("zero", "first") for size in (1, 7, 1000)
+]
+SOME = [
+    ("Hudzovic", "first", 1),
+    ("Hudzovic", "zero", 7),
+    ("SOPDT", "first", 7),
+    ("IPDT", "zero", 1000),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "hold", "size"),
+    [case if case in SOME else pytest.param(*case, marks=pytest.mark.long) for case in EVERY],
+)
 def test_pieces_are_one_pass(name, hold, size):
     layer = LTILayer(PLANTS[name], hold=hold, buffer=8)
     whole = layer(U, DT)

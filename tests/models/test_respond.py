@@ -1,9 +1,11 @@
-"""Responses to sampled inputs: zero-order hold, against scipy and brute force."""
+"""Responses to sampled inputs, both holds: against SciPy, mpmath and brute force."""
 
 import dataclasses
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
+import mpmath as mp
 import numpy as np
 import pytest
 from scipy import signal
@@ -96,3 +98,107 @@ def test_respond_is_differentiable_and_batched():
     difference = (batch(1.3 + h, inputs)[0] - batch(1.3 - h, inputs)[0]) / (2 * h)
     assert np.allclose(by_T, difference, rtol=0, atol=1e-8)
     assert np.allclose(jnp.sum(by_u * inputs, axis=1), y, rtol=0, atol=1e-12)
+
+
+@rational
+def test_lines_between_samples_agree_with_scipy(model):
+    y = signal.lsim(model.to_scipy(), U, T, interp=True)[1]
+    y[0] = 0  # SciPy lets a plant without a lag jump with its input at the first sample
+    assert np.allclose(model.respond(T, U, "first"), model.offset + y, rtol=0, atol=1e-10)
+
+
+def matrices(A, dt, digits=60):
+    """e^(A dt) by squaring in many digits."""
+    with mp.workdps(digits):
+        short = mp.eye(A.rows)
+        for k in range(30, 0, -1):
+            short = mp.eye(A.rows) + A * (dt / mp.mpf(2) ** 40 / k) * short
+        for _ in range(40):
+            short = short * short
+        return np.array(short.tolist(), dtype=np.longdouble)
+
+
+def chain_in_many_digits(lags, dt, delay, u, hold):
+    """Sample by sample in 64 bits of mantissa with matrices of 60 digits."""
+    with mp.workdps(60):
+        A = mp.zeros(len(lags) + 2)
+        A[1, 0] = 1
+        for k, lag in enumerate(mp.mpf(float(x)) for x in lags):
+            A[k + 2, k + 1], A[k + 2, k + 2] = 1 / lag, -1 / lag
+        whole = int(mp.floor(mp.mpf(delay) / mp.mpf(dt)))
+        rest = mp.mpf(dt) * (whole + 1) - mp.mpf(delay)
+        over, part = matrices(A, mp.mpf(dt)), matrices(A, rest)[-1]
+    u, state = u.astype(np.longdouble), np.zeros(len(lags) + 2, np.longdouble)
+    y = np.zeros(u.size, np.longdouble)
+    for k in range(u.size - 1):
+        state[0] = (u[k + 1] - u[k]) / dt if hold == "first" else 0
+        state[1] = u[k]
+        if k + whole + 1 < u.size:
+            y[k + whole + 1] = part @ state
+        state = over @ state
+    return y.astype(float)
+
+
+CHAINS = {
+    "equal": [1.5] * 8,
+    "nearly equal": [1.0, 1 + 1e-9, 1 + 1e-6, 1.001],
+    "stiff": [1e5, 0.1, 3e4, 0.11],
+}
+
+
+def check_chain(lags, count, delay):
+    u = np.sign(np.random.default_rng(0).normal(size=count))
+    for hold in ("zero", "first"):
+        truth = chain_in_many_digits(lags, 0.125, delay, u, hold)
+        y = PTn(lags=np.array(lags), delay=delay).respond(np.arange(count) * 0.125, u, hold)
+        assert np.max(np.abs(y - truth)) <= 1e-10 * np.max(np.abs(truth))
+
+
+@pytest.mark.parametrize("lags", CHAINS.values(), ids=CHAINS)
+def test_no_digits_are_lost(lags):
+    """Equal lags, nearly equal ones, a ratio of a million; a dead time between samples."""
+    check_chain(lags, 300, 0.7)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("lags", CHAINS.values(), ids=CHAINS)
+def test_no_digits_are_lost_in_long_records(lags):
+    check_chain(lags, 100_000, 0.7)
+
+
+@pytest.mark.parametrize("hold", ["zero", "first"])
+@pytest.mark.parametrize("name", ["Hudzovic", "SOPDTZero", "IPDT"])
+def test_slopes_against_differences(name, hold):
+    """With respect to parameters, a dead time between samples, and the input; both modes."""
+    t, h = jnp.arange(40) * 0.25, 1e-6
+    u = jnp.asarray(np.random.default_rng(3).normal(size=40))
+    model = dataclasses.replace(MODELS[name], delay=jnp.asarray(0.6))
+    numbers, order = eqx.partition(model, eqx.is_inexact_array)
+
+    @jax.jit
+    def last(numbers, u):
+        return jnp.sum(eqx.combine(numbers, order).respond(t, u, hold)[-7:])
+
+    way = (jax.tree.map(jnp.ones_like, numbers), jnp.cos(t))
+    ends = [last(*jax.tree.map(lambda x, d, s=s: x + s * d, (numbers, u), way)) for s in (h, -h)]
+    difference = (ends[0] - ends[1]) / (2 * h)
+    _, forward = jax.jvp(last, (numbers, u), way)
+    backward = jax.grad(last, (0, 1))(numbers, u)
+    inner = sum(jnp.vdot(a, b) for a, b in zip(*map(jax.tree.leaves, (backward, way)), strict=True))
+    assert np.isclose(forward, difference, rtol=1e-6)
+    assert np.isclose(inner, forward, rtol=1e-11)
+
+
+def test_what_respond_is_not_given():
+    model = FOPDT(T=1.0)
+    for t, u in ((T, U[:-1]), (T[None], U[None]), (T, np.stack([U, U]))):
+        with pytest.raises(ValueError, match=r"for several use jax\.vmap"):
+            model.respond(t, u)
+    with pytest.raises(ValueError, match=r"increase.*jax\.vmap"):
+        model.respond(T[::-1], U)
+    with pytest.raises(ValueError, match="'zero', 'first'"):
+        model.respond(T, U, "second")
+    traced = jax.jit(lambda t, u: model.respond(t, u))
+    assert np.all(np.isnan(traced(T[::-1], U)))
+    for t in (T, UNEVEN):
+        assert np.allclose(traced(t, U), model.respond(t, U), rtol=0, atol=1e-13)

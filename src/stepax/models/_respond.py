@@ -21,7 +21,9 @@ HOLDS = ("zero", "first")
 
 def respond(plant: Any, t: Any, u: Any, hold: str) -> Samples:
     """Response of gain 1 to samples at any times; what cannot be is said or, traced, NaN."""
-    t, u = as_real(t), as_real(u)
+    with jax.ensure_compile_time_eval():  # times that are known stay known while JAX traces
+        t = as_real(t)
+    u = as_real(u)
     check_hold(hold)
     if t.ndim != 1 or t.shape != u.shape:
         raise ValueError(
