@@ -57,7 +57,7 @@ window.busy = () => deep(".bk-clearfix").some((d) => /^(Computing|Comparing)/.te
 true
 """
 
-COLD = 600.0
+COLD = 20.0
 """Seconds that a first comparison may take on a busy machine."""
 
 
@@ -118,7 +118,7 @@ async def way(page, address, folder, times):
     await page.run("button('Use the example').click()")
     await page.until("cells(1).length >= 4", COLD)
     times["example identified"] = time.perf_counter() - start
-    await settled(page, 7)
+    await settled(page, 6)
     times["example compared"] = time.perf_counter() - start
     await page.screenshot(pictures / "app_example.png")
     before = await page.run("cells(4)")
@@ -190,7 +190,7 @@ def test_a_persons_way(tmp_path, tmp_path_factory):
             await page.show("about:blank")
             await opened(page, server.address)
             await page.run("button('Use the example').click()")
-            await settled(page, 7)
+            await settled(page, 6)
 
         drive(closed_while_computing)
     finally:

@@ -93,6 +93,8 @@ class Widgets:
         self.table = self._table()
         self.outgoing = ColumnDataSource({"name": [""], "kind": [""], "content": [""]})
         self.outgoing.js_on_change("data", CustomJS(args={"source": self.outgoing}, code=DOWNLOAD))
+        # It is no part of the layout: this makes it one of the document, so that the page gets it.
+        self.message.js_on_change("tags", CustomJS(args={"source": self.outgoing}, code=""))
 
     def _table(self) -> Any:
         from bokeh.models import DataTable, TableColumn
