@@ -57,7 +57,7 @@ window.busy = () => deep(".bk-clearfix").some((d) => /^(Computing|Comparing)/.te
 true
 """
 
-COLD = 20.0
+COLD = 600.0
 """Seconds that a first comparison may take on a busy machine."""
 
 
