@@ -8,15 +8,18 @@ import os
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.app.at_hand import compare
+from tests.app.serving import serving
 from tests.browser import drive, needs_chromium
 
 
 pytest.importorskip("bokeh")
-pytestmark = [pytest.mark.long, needs_chromium]
+pytestmark = needs_chromium
 
 HELPERS = """
 window.deep = (selector, root = document) => {
@@ -115,7 +118,7 @@ async def way(page, address, folder, times):
     await page.run("button('Use the example').click()")
     await page.until("cells(1).length >= 4", COLD)
     times["example identified"] = time.perf_counter() - start
-    await settled(page, 7)
+    await settled(page, 6)
     times["example compared"] = time.perf_counter() - start
     await page.screenshot(pictures / "app_example.png")
     before = await page.run("cells(4)")
@@ -165,6 +168,15 @@ async def way(page, address, folder, times):
     assert [x for x in page.requests if not x.startswith(address)] == []
 
 
+def test_the_way_with_models_at_hand(tmp_path, monkeypatch):
+    """All of it but the numbers."""
+    monkeypatch.setattr("stepax.app._state.compare", partial(compare, []))
+    times = {}
+    with serving(warm=False) as address:
+        drive(lambda page: way(page, address, tmp_path, times))
+
+
+@pytest.mark.long
 def test_a_persons_way(tmp_path, tmp_path_factory):
     server = Server(tmp_path_factory.mktemp("cache"))
     times = {}
@@ -178,7 +190,7 @@ def test_a_persons_way(tmp_path, tmp_path_factory):
             await page.show("about:blank")
             await opened(page, server.address)
             await page.run("button('Use the example').click()")
-            await settled(page, 7)
+            await settled(page, 6)
 
         drive(closed_while_computing)
     finally:

@@ -4,18 +4,14 @@ import base64
 import io
 import json
 from concurrent.futures import Future
+from functools import partial
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
+from tests.app.at_hand import compare
 
-from stepax import FOPDT, Status
-from stepax._compare import Comparison, Row
-from stepax._result import conclude
-from stepax._status import status_name
-from stepax.methods import METHODS, MODELS, ROWS
-from stepax.methods._reading import time_name
+from stepax.methods import METHODS, ROWS
 
 
 pytest.importorskip("bokeh")
@@ -27,29 +23,8 @@ EVIL = "<img src=x onerror=alert(1)>"
 def asked(monkeypatch):
     """What the app asks of `compare`, which needs no time here."""
     calls = []
-
-    def compare(record, methods, marks=None, progress=None):
-        calls.append((record, tuple(methods), dict(marks or {})))
-        if progress is not None:
-            progress(1, 1)
-        rows = [_row(record, name, 10.0 + k, marks or {}) for k, name in enumerate(methods)]
-        return Comparison(record, tuple(rows))
-
-    monkeypatch.setattr("stepax.app._state.compare", compare)
+    monkeypatch.setattr("stepax.app._state.compare", partial(compare, calls))
     return calls
-
-
-def _row(record, name, T, marks):
-    about, start = ROWS[name], float(record.y[0])
-    model = FOPDT(T=T, gain=0.8, offset=start, delay=6.0)
-    status = Status.levels_not_crossed if name == "latzel" else Status.successful
-    details = {time_name(q): jnp.asarray(6 - T * np.log(1 - q)) for q in about.levels}
-    details |= {"Tu": jnp.asarray(6.0), "Tg": jnp.asarray(T)} if about.has_tangent else {}
-    details |= {key: jnp.asarray(x) for key, x in marks.items() if key in details}
-    result = conclude(record, model, status, details=details)
-    numbers = [float(x) for x in (result.J, result.rmse, result.fit_percent)]
-    what = MODELS[name].__name__
-    return Row(name, result, what, *numbers, 4, 1.5, status_name(status), "no", about)
 
 
 class Tab:

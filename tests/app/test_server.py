@@ -2,10 +2,10 @@
 
 import asyncio
 import re
-import threading
 import urllib.request
 
 import pytest
+from tests.app.serving import serving
 
 from stepax._cli import run
 
@@ -15,22 +15,8 @@ pytest.importorskip("bokeh")
 
 @pytest.fixture(scope="module")
 def address():
-    from stepax.app._server import App
-
-    found, ready = [], threading.Event()
-
-    def serve():
-        asyncio.set_event_loop(asyncio.new_event_loop())
-        found.append(App(warm=False))
-        ready.set()
-        found[0].run()
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    assert ready.wait(60)
-    yield found[0].address
-    found[0].stop()
-    thread.join(20)
+    with serving(warm=False) as address:
+        yield address
 
 
 def test_the_page(address):

@@ -254,6 +254,9 @@ class Page:
         comparison = self.state.comparison
         rows = () if comparison is None else comparison.models()
         source = self.widgets.rows
+        # Bokeh's table draws anew only when the number of its rows changes: first there are none.
+        source.selected.indices = []  # pyright: ignore
+        source.data = {name: [] for name in source.column_names}
         source.data = {
             "method": [row.method for row in rows],
             "model": [row.model for row in rows],

@@ -75,10 +75,12 @@ class Widgets:
         self.reset = Button(label="Marks as they were found", **WIDE)
         self.exports = {kind: Button(label=kind, **WIDE) for kind in KINDS}
         self.chart = RadioButtonGroup(labels=["J as bars", "as a pie"], active=0, width=200)
-        self.message = Div(text="", visible=False, disable_math=True, css_classes=["message"])
+        self.message = Div(
+            text="", visible=False, disable_math=True, css_classes=["message"], **WIDE
+        )
         self.message.styles = {
             "background": "#fff4e0", "border-left": "4px solid #e0a341", "padding": "8px 12px",
-            "font-size": "14px", "width": "100%", "overflow-wrap": "anywhere",
+            "font-size": "14px", "overflow-wrap": "anywhere",
         }  # fmt: skip
         self.hello = Div(text=HELLO, **WIDE)
         self.hello.styles = {"font-size": "15px", "color": "#16202b", "max-width": "44em"}
@@ -93,6 +95,8 @@ class Widgets:
         self.table = self._table()
         self.outgoing = ColumnDataSource({"name": [""], "kind": [""], "content": [""]})
         self.outgoing.js_on_change("data", CustomJS(args={"source": self.outgoing}, code=DOWNLOAD))
+        # It is no part of the layout: this makes it one of the document, so that the page gets it.
+        self.message.js_on_change("tags", CustomJS(args={"source": self.outgoing}, code=""))
 
     def _table(self) -> Any:
         from bokeh.models import DataTable, TableColumn
