@@ -54,7 +54,7 @@ def scan(lags, u):
 
 
 def with_diffrax(lags, u):
-    import diffrax
+    import diffrax  # pyright: ignore[reportMissingImports] (of no extra)
 
     A, b = state_space(lags)
     times = jnp.arange(u.shape[0], dtype=u.dtype)
