@@ -94,7 +94,7 @@ def identify_filled(
 
 def check_length(record: AbstractRecord, options: dict[str, Any]) -> None:
     """A `ValueError` for a record that is too short to be smoothed; filled up it may not be."""
-    if options.get("span") is not None:
+    if options.get("span") is not None and not is_traced(options["span"]):
         window_of(record.t.size, options["span"])
 
 

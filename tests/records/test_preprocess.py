@@ -85,6 +85,27 @@ def test_smooth_in_float32():
     assert np.allclose(single, loess(t.astype(float), y.astype(float), t, 0.2), rtol=0, atol=1e-3)
 
 
+@jax.jit
+def smooth_by(span):
+    """Of an uneven record, with a traced span."""
+    t = jnp.sort(jax.random.uniform(jax.random.key(0), (80,))) * 20
+    return smooth(t, jnp.tanh(t / 5) + 0.05 * jnp.sin(40 * t), span)
+
+
+@pytest.mark.parametrize("span", [0.2, 0.35, 1.0])
+def test_a_traced_span_smooths_as_a_known_one(span):
+    t = jnp.sort(jax.random.uniform(jax.random.key(0), (80,))) * 20
+    known = compiled_smooth(span)(t, jnp.tanh(t / 5) + 0.05 * jnp.sin(40 * t))
+    assert np.allclose(smooth_by(span), known, rtol=0, atol=1e-12)
+
+
+def test_a_traced_span_has_a_derivative():
+    h, slope = 1e-6, jax.jit(jax.jacfwd(smooth_by))(0.331)
+    difference = (smooth_by(0.331 + h) - smooth_by(0.331 - h)) / (2 * h)
+    assert np.allclose(slope, difference, rtol=0, atol=1e-7) and np.abs(slope).max() > 0.1
+    assert np.isnan(smooth_by(0.04)).all() and np.isnan(smooth_by(1.1)).all()
+
+
 def test_smooth_under_vmap_and_grad():
     t = np.stack([uneven(k) for k in range(3)])
     y = np.stack([signal(k) for k in range(3)])

@@ -25,8 +25,9 @@ from ..records._characterise import (
 from ..records._record import StepRecord, usable_record
 
 
-Span = float | None
-"""Share of the samples in each window of LOESS; None takes the record as it is."""
+Span = float | Scalar | None
+"""Share of the samples in each window of LOESS, differentiable where it is traced; None takes the
+record as it is."""
 Delay = Float[ArrayLike, ""]
 """Dead time known beforehand, in the unit of time."""
 

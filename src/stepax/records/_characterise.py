@@ -38,7 +38,7 @@ def levels(record: StepRecord) -> tuple[Scalar, Scalar]:
     )
 
 
-def smoothed(record: StepRecord, span: float | None) -> Samples:
+def smoothed(record: StepRecord, span: float | Scalar | None) -> Samples:
     """The record's output, after LOESS where a `span` is given."""
     if span is None:
         return record.y
@@ -46,7 +46,7 @@ def smoothed(record: StepRecord, span: float | None) -> Samples:
     return y if record.rows is None else jnp.where(record.present, y, y[record.last])
 
 
-def relative_response(record: StepRecord, span: float | None = None) -> Samples:
+def relative_response(record: StepRecord, span: float | Scalar | None = None) -> Samples:
     """(y - initial)/(final - initial), 0 before the step."""
     initial, final = levels(record)
     change = final - initial
@@ -58,7 +58,7 @@ def relative_response(record: StepRecord, span: float | None = None) -> Samples:
 def crossing_times(
     record: StepRecord,
     levels: Float[ArrayLike, "*shape"] | Sequence[float],
-    span: float | None = None,
+    span: float | Scalar | None = None,
 ) -> Float[Array, "*shape"]:
     """Times from the step at which the response reaches `initial + q (final - initial)`.
 
@@ -140,7 +140,9 @@ def _interpolate(t: Samples, y: Samples, row: Array, level: Scalar, count: Count
 
 
 @eqx.filter_jit
-def value_at(record: StepRecord, time: Float[ArrayLike, ""], span: float | None = None) -> Scalar:
+def value_at(
+    record: StepRecord, time: Float[ArrayLike, ""], span: float | Scalar | None = None
+) -> Scalar:
     """Share of the change, (y - initial)/(final - initial), at a `time` from the step on.
 
     By the cubic through the four nearest samples, like `crossing_times`. 0 up to the step, NaN
@@ -162,7 +164,7 @@ def interpolated(t: Samples, y: Samples, time: Scalar, count: Count | int) -> Sc
 
 
 @eqx.filter_jit
-def tangent(record: StepRecord, span: float | None = None) -> Tangent:
+def tangent(record: StepRecord, span: float | Scalar | None = None) -> Tangent:
     """Tangent at the point of steepest rise towards the final level.
 
     The slope at each sample from the step on is that of the quartic through five samples; around

@@ -5,13 +5,14 @@ import math
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from .._arrays import Count, Samples, Scalar, as_real
 
 
 def smooth(
-    t: Float[ArrayLike, " samples"], y: Float[ArrayLike, " samples"], span: float = 0.2
+    t: Float[ArrayLike, " samples"], y: Float[ArrayLike, " samples"], span: float | Scalar = 0.2
 ) -> Samples:
     r"""LOESS: local quadratic regression with tricube weights $(1 - |x|^3)^3$ (Cleveland 1979).
 
@@ -19,16 +20,21 @@ def smooth(
     farthest, which gets weight 0; near the ends the window is one-sided. Uneven times are used as
     they are. Choose the span so that the rise covers several windows: with 0.2 the window is a
     fifth of the record.
+
+    A traced span is differentiable: the window then grows continuously, from one number of nearest
+    samples to the next, and time and memory as N^2. NaN where it is not in [4/N, 1].
     """
     t, y = _pair(t, y)
     return loess(t, y, t, span)
 
 
 def loess(
-    t: Samples, y: Samples, at: Samples, span: float, count: Count | int | None = None
+    t: Samples, y: Samples, at: Samples, span: float | Scalar, count: Count | int | None = None
 ) -> Samples:
     """`smooth` at the times `at`, from the first `count` samples."""
-    samples = t.shape[0]
+    if isinstance(span, Tracer):
+        return _loess_of_any_span(t, y, at, span, t.shape[0] if count is None else count)
+    span, samples = float(span), t.shape[0]
     longest = window = window_of(samples, span)
     if count is not None and not isinstance(count, int):
         # A table, since a product in single precision may round up to another whole number.
@@ -55,6 +61,32 @@ def loess(
         return [total + term for total, term in zip(sums, terms, strict=True)], None
 
     sums, _ = jax.lax.scan(add, [jnp.zeros_like(at * y[0])] * 8, jnp.arange(longest))
+    return _constant_term(sums)
+
+
+def _loess_of_any_span(
+    t: Samples, y: Samples, at: Samples, span: Scalar, count: Count | int
+) -> Samples:
+    """`loess` of a traced span: its reach is interpolated between two numbers of samples."""
+    counts = jnp.arange(t.shape[0]) < count
+    away = t[None, :] - at[:, None]
+    nearest = jnp.sort(jnp.where(counts, jnp.abs(away), jnp.inf), axis=1)
+    farthest = span * count - 1
+    below = jnp.clip(jnp.floor(farthest).astype(int), 0, count - 1)
+    above = jnp.minimum(below + 1, count - 1)
+    usable = (farthest >= 3) & (span <= 1)
+    share = jnp.where(usable, farthest - below, jnp.nan)
+    reach = nearest[:, below] + share * (nearest[:, above] - nearest[:, below])
+    x = away / jnp.where(reach > 0, reach, 1)[:, None]
+    moment = jnp.where(counts, (1 - jnp.minimum(jnp.abs(x), 1) ** 3) ** 3, 0)
+    moments = [moment]
+    for _ in range(4):
+        moments.append(moments[-1] * x)
+    return _constant_term([jnp.sum(m, axis=1) for m in moments] + [m @ y for m in moments[:3]])
+
+
+def _constant_term(sums: list[Samples]) -> Samples:
+    """Value of the local parabola, of five sums of its moments and three of those with y."""
     s0, s1, s2, s3, s4, r0, r1, r2 = sums
     # The normal equations, eliminated from the quadratic coefficient down to the constant.
     a, b = s3 / s4, s2 / s4

@@ -1,0 +1,1 @@
+"""Plants and identifications inside differentiable programs."""
