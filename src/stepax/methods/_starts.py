@@ -189,7 +189,7 @@ def integrating_start(record: Any, fixed: Sequence[str]) -> IPDT:
     return IPDT(T=jnp.maximum(total - delay, 1e-3 * safe.duration), delay=delay)
 
 
-def _delay(estimate: Scalar, fixed: Sequence[str]) -> Scalar:
+def _delay(estimate: Array, fixed: Sequence[str]) -> Array:
     return jnp.zeros_like(estimate) if "delay" in fixed else jnp.maximum(estimate, 0)
 
 
