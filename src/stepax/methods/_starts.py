@@ -59,7 +59,7 @@ def first_order_start(record: Any, fixed: Sequence[str]) -> FOPDT:
     # In the first row Smith's time constant, the last of whose dead times is his too.
     lags = jnp.append(T, safe.duration * jnp.asarray(LAGS, T.dtype))
     latest = jnp.full_like(lags, late).at[0].set(late - T)
-    delays = _delay(latest, fixed)[:, None] * jnp.asarray(WAITS, T.dtype)
+    delays = jnp.outer(_delay(latest, fixed), jnp.asarray(WAITS, T.dtype))
     best = jnp.argmin(_first_order_errors(t, y, lags, delays))
     delay = delays.ravel()[best]
     return jax.lax.stop_gradient(FOPDT(T=lags[best // WAITS.size], delay=delay))
@@ -70,9 +70,10 @@ def _first_order_errors(t: Array, y: Array, lags: Array, delays: Array) -> Array
 
     `delays`: a row a lag. One exponential serves all dead times of a lag: exp(L/T) exp(-t/T).
     """
-    decay = jnp.exp(-jnp.maximum(t, 0) / lags[:, None])
+    t, y = t[None, None, :], y[None, None, :]
+    decay = jnp.exp(-jnp.maximum(t, 0) / lags[:, None, None])
     shift = jnp.exp(delays / lags[:, None])
-    g = 1 - shift[:, :, None] * decay[:, None, :]
+    g = 1 - shift[:, :, None] * decay
     g = jnp.where(t > delays[:, :, None], g, 0)
     square = jnp.sum(g * g, axis=-1) - jnp.sum(g, axis=-1) ** 2 / t.size
     return -(jnp.sum(g * y, axis=-1) ** 2) / jnp.where(square > 0, square, jnp.inf)

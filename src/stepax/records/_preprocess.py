@@ -68,7 +68,7 @@ def _loess_of_any_span(
     t: Samples, y: Samples, at: Samples, span: Scalar, count: Count | int
 ) -> Samples:
     """`loess` of a traced span: its reach is interpolated between two numbers of samples."""
-    counts = jnp.arange(t.shape[0]) < count
+    counts = jnp.arange(t.shape[0])[None, :] < count
     away = t[None, :] - at[:, None]
     nearest = jnp.sort(jnp.where(counts, jnp.abs(away), jnp.inf), axis=1)
     farthest = span * count - 1
@@ -77,7 +77,7 @@ def _loess_of_any_span(
     usable = (farthest >= 3) & (span <= 1)
     share = jnp.where(usable, farthest - below, jnp.nan)
     reach = nearest[:, below] + share * (nearest[:, above] - nearest[:, below])
-    x = away / jnp.where(reach > 0, reach, 1)[:, None]
+    x = away / jnp.where(reach == 0, 1, reach)[:, None]
     moment = jnp.where(counts, (1 - jnp.minimum(jnp.abs(x), 1) ** 3) ** 3, 0)
     moments = [moment]
     for _ in range(4):
