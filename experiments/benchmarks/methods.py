@@ -10,8 +10,7 @@ and offset drawn, 2 % white noise; everything free. Each method by the plain
   that the method tries, in a loop on one core; pool: the same in a process on each core.
 
 Costs are computed again from the models by one formula; `best` is the share of the records within
-1e-6 of the best cost that anyone found for the order kept. `model`: share of the plain call's time
-that as many evaluations of residuals, derivatives and their sums take.
+1e-6 of the best cost that anyone found for the order kept.
 
 Left out: compilation, which `compile` counts apart, and drawing the records.
 """

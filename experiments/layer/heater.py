@@ -100,7 +100,7 @@ def draw(path: Path, u, y, heater: Heater) -> None:
     log.set_xlabel("time (s)")
     log.set_ylabel("temperature (degC)")
     log.legend(frameon=False, loc="upper left", ncols=2)
-    log.set_ylim(top=float(jnp.max(y)) + 12)
+    log.set_ylim(top=float(jnp.max(y[part])) + 8)
     x = np.linspace(0, 1, 200)
     valve.plot(x, TRUE.gain * characteristic(x), color="#d95f02", linewidth=3, label="true")
     learnt = heater.static(jnp.asarray(x))
