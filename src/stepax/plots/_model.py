@@ -99,7 +99,12 @@ def response_panels(
 
 def _draw_input(axes: Axes, record: AbstractRecord) -> None:
     """The input as it is held between samples, or the change of a step."""
-    axes.plot(*input_line(record), color=EDGE, linewidth=1.0)
+    look: dict[str, Any] = {"color": EDGE, "linewidth": 1.0}
+    if isinstance(record, InputRecord):
+        held = "steps-post" if record.hold == "zero" else "default"
+        axes.plot(record.t, record.u, drawstyle=held, **look)
+    else:
+        axes.plot(*input_line(record), **look)
     quiet(axes)
     axes.margins(y=0.25)
 
