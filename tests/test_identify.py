@@ -307,8 +307,9 @@ def test_every_detail_is_listed():
     assert {n for n in names if not any(p.match(n) for p in patterns)} <= set(DETAILS)
     used = list({name: None for name in DETAILS if "<" not in name})
     of_records = used[: used.index("t<level>") if "t<level>" in used else used.index("Tu")]
-    # of records that were read from files, and of glitches
-    assert set(used) - names == {*of_records, "glitches", "fit_of_the_rest"}
+    # of records that were read from files, of glitches, and of records of any input
+    others = {"glitches", "fit_of_the_rest", "trend", "own_motion"}
+    assert set(used) - names == {*of_records, *others}
 
 
 def test_unknown_options_of_auto():

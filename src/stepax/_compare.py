@@ -22,7 +22,7 @@ from .models._abstract import AbstractPlant
 from .models._deviation import squared_deviation
 from .models._notation import transfer_function
 from .records._abstract import AbstractRecord
-from .records._input import refuse_other_input
+from .records._input import InputRecord, refuse_other_input
 from .records._record import StepRecord, predict
 from .records._thin import thinned
 
@@ -146,7 +146,7 @@ class Comparison:
 
 
 def compare(
-    record: AbstractRecord,
+    record: StepRecord | InputRecord,
     methods: Sequence[str] | None = None,
     plant: AbstractPlant | None = None,
     *,
@@ -192,7 +192,7 @@ def compare(
 
 
 def _results(
-    record: AbstractRecord,
+    record: StepRecord | InputRecord,
     names: Sequence[str],
     by_hand: ByHand | None,
     progress: Callable[[int, int], object] | None,

@@ -24,6 +24,7 @@ from .methods._method import option_names, prepared
 from .models._abstract import AbstractPlant
 from .records._abstract import AbstractRecord
 from .records._glitches import MOST, are_glitches, outliers, spikes
+from .records._input import InputRecord
 from .records._preprocess import quantisation, window_of
 from .records._record import StepRecord, compact, padded_record, predict, with_weights
 from .records._signs import Signs, signs
@@ -34,7 +35,9 @@ AUTO_OPTIONS = (*FitOptions.__annotations__, "orders")
 """Options of `identify(method="auto")`: those of every fit, and the orders that chains try."""
 
 
-def identify(record: AbstractRecord, method: str = "auto", **options: Any) -> Identification:
+def identify(
+    record: StepRecord | InputRecord, method: str = "auto", **options: Any
+) -> Identification:
     """Model of a recorded step response, or of a record of any input.
 
     **Arguments:**
@@ -60,7 +63,7 @@ def identify(record: AbstractRecord, method: str = "auto", **options: Any) -> Id
     A named method is clean under `jit`, `vmap` and `grad`; "auto" chooses between classes on the
     host and raises a `TypeError` when traced.
     """
-    if not isinstance(record, AbstractRecord):
+    if not isinstance(record, StepRecord | InputRecord):
         raise TypeError(
             f"identify needs a StepRecord or an InputRecord, got {type(record).__name__}: build one"
             " with StepRecord(t, y, ...), InputRecord(t, y, u) or read_record(path)."

@@ -14,7 +14,8 @@ from ._cli_picture import OPTIONS, picture_record
 
 
 if TYPE_CHECKING:
-    from .records._abstract import AbstractRecord
+    from .records._input import InputRecord
+    from .records._record import StepRecord
 
 EXAMPLES = {"heater": "heater.csv"}
 SIMULATED = "This record is simulated: it comes with stepax as an example and was not measured."
@@ -130,13 +131,15 @@ def _record_file(file: Path | None, example: str | None) -> Iterator[Path]:
         yield path
 
 
-def read(file: Path | None, example: str | None, reading: dict[str, Any]) -> "AbstractRecord":
+def read(
+    file: Path | None, example: str | None, reading: dict[str, Any]
+) -> "StepRecord | InputRecord":
     """The record of a file or an example."""
     with _record_file(file, example) as path, waiting(f"Reading {path.name} ..."):
         return read_file(path, reading)
 
 
-def read_file(path: Path, reading: dict[str, Any]) -> "AbstractRecord":
+def read_file(path: Path, reading: dict[str, Any]) -> "StepRecord | InputRecord":
     """The record of a table or of a picture."""
     from .records.image._picture import SUFFIXES
 

@@ -62,8 +62,10 @@ def test_warnings():
     result = identification(model, Status.not_settled, details=details)
     sentences = notes_of(result)
     assert sentences[0] == Status[Status.not_settled] and len(sentences) == 5
-    assert "3 steps in the input; this is step 1: choose with --step." in sentences
-    assert "3 steps in the input; this is step 3." in notes_of(result, -1)
+    whole = "--whole uses the whole log with its input."
+    several = "3 steps in the input; this is step 1: choose with --step"
+    assert f"{several}; {whole}" in sentences
+    assert f"3 steps in the input; this is step 3; {whole}" in notes_of(result, -1)
     assert any("0.32 degC, which its noise does not hide" in text for text in sentences)
     assert any("0.93" in text for text in sentences)
     assert notes_of(identification(FOPDT(T=10.0, gain=5.0, offset=20.0))) == []

@@ -147,8 +147,10 @@ class StepRecord(AbstractRecord):
 
     def input_status(self) -> list[tuple[Flag, Status]]:
         """A step after the record, or of no size."""
-        late = [(self.step_time > self.t[self.last], Status.step_outside_record)]
-        return (late if self.t.size else []) + [(self.step_size == 0, Status.no_step)]
+        nothing = [(self.step_size == 0, Status.no_step)]
+        if not self.t.size:
+            return nothing
+        return [(self.step_time > self.t[self.last], Status.step_outside_record), *nothing]
 
     def stand_in(self, t: Samples, y: Samples) -> "StepRecord":
         """A step at 0 of size 1; levels known where they are."""
