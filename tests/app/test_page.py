@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from tests.app.at_hand import compare
 
+from stepax import StepRecord
+from stepax.app._state import State, marks_of, offered, read
 from stepax.methods import METHODS, ROWS
 
 
@@ -273,3 +275,15 @@ def test_an_error_of_our_own_is_told(tab, monkeypatch):
     monkeypatch.setattr("stepax.app._state.compare", broken)
     click(tab.widgets.compare)
     assert "ZeroDivisionError: oops" in tab.message and tab.methods
+
+
+def test_of_steps_that_are_too_short_one_is_taken():
+    """`read_record` would use the whole log by itself; the marks are those of a step."""
+    t = np.arange(100.0)
+    u = np.repeat(np.array([0.0, 1.0, 3.0, 2.0, 4.0, 1.0, 5.0]), 15)[: t.size]
+    y = np.convolve(np.diff(u, prepend=0), 1 - np.exp(-t / 8))[: t.size]
+    rows = "\n".join(f"{a},{b},{c:.4f}" for a, b, c in zip(t, u, y, strict=True))
+    state = offered(State(), "log.csv", f"t,u,y\n{rows}\n".encode())
+    state = read(state, time="t", output="y", input="u")
+    assert isinstance(state.record, StepRecord) and state.steps == 6
+    assert marks_of(state)["step"][0] == 15.0

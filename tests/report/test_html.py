@@ -13,7 +13,7 @@ import pytest
 from tests.browser import drive, needs_chromium
 
 import stepax
-from stepax import FOPDT, SOPDT, EqualLag, PTn, SOPDTZero, Status, StepRecord
+from stepax import FOPDT, SOPDT, EqualLag, InputRecord, PTn, SOPDTZero, Status, StepRecord
 from stepax._cli import run
 from stepax._compare import Comparison, Row
 from stepax._identify_each import Outcome
@@ -268,3 +268,14 @@ def test_live_pictures_hold_the_numbers():
     found = comparison()
     item = json.dumps(bokeh.embed.json_item(live_responses(found.record, found.entries())))
     assert item.count('"PlainText"') >= 3 and "viteckova_1" in item
+
+
+def test_a_sampled_input_is_reported():
+    """It has no step: the page names the range of the input instead."""
+    t = np.arange(60.0)
+    u = np.where((t > 5) & (t < 30), 4.0, 1.0)
+    record = InputRecord(t, np.cumsum(u) / 60, u)
+    result = conclude(record, FOPDT(T=9.0, gain=0.4), Status.successful)
+    for live in (False, True):
+        page = html(result_page(result), live)
+        assert "input from 1 to 4" in page and "1 to 4" in page

@@ -7,6 +7,7 @@ state or raises with a sentence; then the old state stands, and nothing is lost.
 import dataclasses
 import io
 from collections.abc import Callable
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -115,7 +116,9 @@ def offered(state: State, name: str, content: bytes) -> State:
 def read(state: State, **options: Any) -> State:
     """The record of the file offered, by options that a person chose beside those before."""
     reading = state.reading | options
-    reader: Callable[..., StepRecord] = trace_image if state.is_picture else read_record
+    # its marks are those of a step: never the whole log with its input
+    one_step = partial(read_record, whole=False)
+    reader: Callable[..., StepRecord] = trace_image if state.is_picture else one_step
     base = reader(_file(state), **reading)
     return dataclasses.replace(
         state, reading=reading, base=base, levels={}, marks={}, comparison=None

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.colors import to_hex
 
 from ..models._notation import number
+from ..records._abstract import AbstractRecord
 from ..records._labels import Labels, Units, unit_of
 from ..records._record import StepRecord, rows_that_count
 from ..records._residuals import Autocorrelation
@@ -75,7 +76,10 @@ def hover(plot: Any, renderers: list[Any], units: Units, value: str) -> None:
 
 
 def live_responses(
-    record: StepRecord, entries: Sequence[Entry], count: int = MOST_DRAWN, with_input: bool = True
+    record: AbstractRecord,
+    entries: Sequence[Entry],
+    count: int = MOST_DRAWN,
+    with_input: bool = True,
 ) -> Any:
     """Record and models, the change of the input, and residuals, on one axis of time."""
     from bokeh.layouts import column
@@ -109,12 +113,14 @@ def live_responses(
             look["line_width"] = 1
             away.append(residuals.line(t, curve.residuals, **look))
     below.line(*input_line(record), color=DARK, line_width=1.5)
-    for plot in (response, below, residuals):
-        step = Span(location=float(record.step_time), dimension="height", line_color=FRAME)
-        step.line_dash, step.line_width = [4, 3], 1
-        plot.add_layout(step)
-        if single:
-            shade_delay(plot, float(record.step_time), float(np.asarray(entries[0].model.delay)))
+    if isinstance(record, StepRecord):
+        at = float(record.step_time)
+        for plot in (response, below, residuals):
+            step = Span(location=at, dimension="height", line_color=FRAME)
+            step.line_dash, step.line_width = [4, 3], 1
+            plot.add_layout(step)
+            if single:
+                shade_delay(plot, at, float(np.asarray(entries[0].model.delay)))
     residuals.add_layout(Span(location=0, dimension="width", line_color=FRAME, line_width=1))
     hover(response, shown, units, "output")
     hover(residuals, away, units, "residual")
@@ -173,7 +179,7 @@ def legend_above(plot: Any) -> None:
     legend.label_text_font_size, legend.padding, legend.margin = "11px", 2, 0
 
 
-def live_bars(record: StepRecord, entries: Sequence[Entry]) -> Any:
+def live_bars(record: AbstractRecord, entries: Sequence[Entry]) -> Any:
     """J of every model on a logarithmic axis, the best above."""
     from bokeh.models import ColumnDataSource, HoverTool, PlainText
 

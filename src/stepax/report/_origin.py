@@ -9,8 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from .._notes import with_unit
+from ..models._notation import number
+from ..records._abstract import AbstractRecord
 from ..records._labels import Units
-from ..records._record import StepRecord, rows_that_count
+from ..records._record import rows_that_count
 from ._page import Facts, Part
 
 
@@ -25,7 +27,7 @@ class Origin(NamedTuple):
     step: int | None = None
 
 
-def provenance(records: Sequence[StepRecord], origin: Origin) -> Part:
+def provenance(records: Sequence[AbstractRecord], origin: Origin) -> Part:
     """The last part of a page; columns and rows of one record, of several the files tell."""
     facts = _record_facts(records[0]) if len(records) == 1 else []
     facts += [("command", origin.command)] if origin.command else []
@@ -35,7 +37,7 @@ def provenance(records: Sequence[StepRecord], origin: Origin) -> Part:
     return Part("Where this comes from", [Facts(facts)])
 
 
-def _record_facts(record: StepRecord) -> list[tuple[str, str]]:
+def _record_facts(record: AbstractRecord) -> list[tuple[str, str]]:
     labels, units = record.labels, Units.of(record.labels)
     kept = rows_that_count(record)
     t = np.asarray(kept.t)
@@ -43,13 +45,22 @@ def _record_facts(record: StepRecord) -> list[tuple[str, str]]:
     rows = f"{read}, from {with_unit(t[0], units.time)} to {with_unit(t[-1], units.time)}"
     if read != t.size:
         rows += f", as {t.size} means"
-    size = with_unit(record.step_size, units.input)
     levels = {"initial": record.initial, "final": record.final}
     given = [f"{name} {with_unit(x, units.output)}" for name, x in levels.items() if x is not None]
     facts = [
         ("file", labels.source or "arrays"),
         ("columns", f"time: {labels.time}; output: {labels.output}; input: {labels.input}"),
         ("rows used", rows),
-        ("step", f"{size} at {with_unit(record.step_time, units.time)}"),
+        _input_fact(record, units),
     ]
     return facts + ([("known levels", ", ".join(given))] if given else [])
+
+
+def _input_fact(record: AbstractRecord, units: Units) -> tuple[str, str]:
+    """The step, or the range of a sampled input."""
+    known = record.input_facts()
+    if step := known["step"]:
+        size, time = with_unit(step["size"], units.input), with_unit(step["time"], units.time)
+        return "step", f"{size} at {time}"
+    about = known["input"]
+    return "input", f"{number(about['least'])} to {with_unit(about['most'], units.input)}"

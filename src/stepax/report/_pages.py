@@ -7,8 +7,8 @@ from ..models._notation import number
 from ..plots._comparison import plot_ranking, plot_responses
 from ..plots._live import live_bars, live_responses
 from ..plots._model import plot_model
+from ..records._abstract import AbstractRecord
 from ..records._labels import Units
-from ..records._record import StepRecord
 from ..summary._content import content, record_line
 from ._content import comparison_content
 from ._origin import Origin, provenance
@@ -105,11 +105,11 @@ def files_page(
     return Page("Models of step responses", about, parts)
 
 
-def _title(record: StepRecord) -> str:
+def _title(record: AbstractRecord) -> str:
     return record.labels.source or "Step response"
 
 
-def _about(record: StepRecord, origin: Origin) -> list[str]:
+def _about(record: AbstractRecord, origin: Origin) -> list[str]:
     return [record_line(record), *([origin.remark] if origin.remark else [])]
 
 

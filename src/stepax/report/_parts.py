@@ -10,7 +10,8 @@ from ..plots._autocorrelation import plot_autocorrelation
 from ..plots._comparison import Entry
 from ..plots._live import live_autocorrelation, live_responses
 from ..plots._model import plot_model, predicted
-from ..records._record import StepRecord, rows_that_count
+from ..records._abstract import AbstractRecord
+from ..records._record import rows_that_count
 from ..records._residuals import Autocorrelation, autocorrelation
 from ..summary._content import content
 from ._page import Advice, Block, Code, Drawing, Facts, Formula, Grid, Lines, Part
@@ -49,7 +50,7 @@ def result_parts(result: Identified, method: str | None, step: int | None) -> li
     ]
 
 
-def _response_drawing(record: StepRecord, result: Identified | None) -> Drawing:
+def _response_drawing(record: AbstractRecord, result: Identified | None) -> Drawing:
     """Record, model where there is one, input and residuals."""
     model, entries = None, []
     if result is not None:
@@ -69,7 +70,7 @@ def _response_drawing(record: StepRecord, result: Identified | None) -> Drawing:
     )
 
 
-def _residual_autocorrelation(record: StepRecord, model: AbstractPlant) -> Autocorrelation:
+def _residual_autocorrelation(record: AbstractRecord, model: AbstractPlant) -> Autocorrelation:
     """Of the residuals from the step on."""
     residuals = np.asarray(record.y) - predicted(model, record, np.asarray(record.t))
     return autocorrelation(residuals[np.asarray(record.after_step)])
