@@ -50,10 +50,10 @@ def identify(
         without oscillation, an integrator where it ends as a ramp; the former is kept if its AICc
         is better by more than 10, the latter also if it is as good as that of a model whose gain
         would be extrapolated to more than twice what was seen; to an `InputRecord` both are always
-        tried. Where rows stand out as glitches
-        do, or the fit is poor, Huber's loss is tried and kept if it explains the other rows clearly
-        better (`glitches` in `.details`), unless `loss` is given. `.method` is the one
-        kept; `.details` holds `aicc_<method>` of each that was tried, and the signs in the record.
+        tried. Where rows stand out as glitches do, or the fit is poor, Huber's loss is tried and
+        kept if it explains the other rows clearly better (`glitches` in `.details`), unless `loss`
+        is given. `.method` is the one kept; `.details` holds `aicc_<method>` of each that was
+        tried, and the signs in the record.
     - `options`: passed to the method; see its docstring. "auto" takes those of `refine`, and
         `orders` for the chains. `all_rows=True`: a record of more than 4000 rows, which is averaged
         over equal spans of time otherwise (the result's `record`), is used as it is, as it is too

@@ -21,14 +21,9 @@ from ..models._abstract import AbstractPlant
 from ..models._plants import Hudzovic, PTn, Sani
 from ..models._spread import DEFAULT_ORDERS, check_orders
 from ..records._abstract import AbstractRecord
+from ..records._input import InputRecord
 from ..records._record import with_weights
-from ._starts import (
-    chain_start,
-    first_order_start,
-    integrating_start,
-    second_order_start,
-    zero_start,
-)
+from . import _input_starts, _starts
 
 
 INDIVIDUAL_ORDERS = range(2, 6)
@@ -68,7 +63,7 @@ def fopdt_fit(record: AbstractRecord, **options: Unpack[FitOptions]) -> Identifi
 
 def search_fopdt(record: AbstractRecord, **options: Any) -> Fitted:
     """`fopdt_fit` without its conclusion."""
-    return _checked_fit(record, first_order_start(record, options.get("fixed", ())), options)
+    return _started(record, starts_for(record).first_order_start, options)
 
 
 def sopdt_fit(record: AbstractRecord, **options: Unpack[FitOptions]) -> Identification:
@@ -83,7 +78,7 @@ def sopdt_fit(record: AbstractRecord, **options: Unpack[FitOptions]) -> Identifi
 
 def search_sopdt(record: AbstractRecord, **options: Any) -> Fitted:
     """`sopdt_fit` without its conclusion."""
-    return _checked_fit(record, second_order_start(record, options.get("fixed", ())), options)
+    return _started(record, starts_for(record).second_order_start, options)
 
 
 def hudzovic_fit(record: AbstractRecord, **options: Unpack[OrderOptions]) -> Identification:
@@ -99,7 +94,9 @@ def hudzovic_fit(record: AbstractRecord, **options: Unpack[OrderOptions]) -> Ide
 
 def search_hudzovic(record: AbstractRecord, **options: Any) -> Fitted:
     """`hudzovic_fit` without its conclusion."""
-    return _chain_fit(functools.partial(chain_start, Hudzovic), with_order, record, options)
+    return _chain_fit(
+        functools.partial(starts_for(record).chain_start, Hudzovic), with_order, record, options
+    )
 
 
 def sani_fit(record: AbstractRecord, **options: Unpack[OrderOptions]) -> Identification:
@@ -112,7 +109,9 @@ def sani_fit(record: AbstractRecord, **options: Unpack[OrderOptions]) -> Identif
 
 def search_sani(record: AbstractRecord, **options: Any) -> Fitted:
     """`sani_fit` without its conclusion."""
-    return _chain_fit(functools.partial(chain_start, Sani), with_order, record, options)
+    return _chain_fit(
+        functools.partial(starts_for(record).chain_start, Sani), with_order, record, options
+    )
 
 
 def ptn_fit(record: AbstractRecord, **options: Unpack[OrderOptions]) -> Identification:
@@ -133,7 +132,7 @@ def search_ptn(record: AbstractRecord, **options: Any) -> Fitted:
 
     def start(record, n, fixed):
         size = max(orders) if order == "auto" else int(order)
-        chain = chain_start(Sani, record, n, fixed)
+        chain = starts_for(record).chain_start(Sani, record, n, fixed)
         return PTn(lags=chain.lags[:size], delay=chain.delay)
 
     return _chain_fit(start, None, record, options | {"orders": orders})
@@ -153,7 +152,7 @@ def sopdt_zero_fit(record: AbstractRecord, **options: Unpack[FitOptions]) -> Ide
 
 def search_sopdt_zero(record: AbstractRecord, **options: Any) -> Fitted:
     """`sopdt_zero_fit` without its conclusion."""
-    return _checked_fit(record, zero_start(record, options.get("fixed", ())), options)
+    return _started(record, starts_for(record).zero_start, options)
 
 
 def ipdt_fit(record: AbstractRecord, **options: Unpack[FitOptions]) -> Identification:
@@ -170,7 +169,7 @@ def ipdt_fit(record: AbstractRecord, **options: Unpack[FitOptions]) -> Identific
 
 def search_ipdt(record: AbstractRecord, **options: Any) -> Fitted:
     """`ipdt_fit` without its conclusion."""
-    return _checked_fit(record, integrating_start(record, options.get("fixed", ())), options)
+    return _started(record, starts_for(record).integrating_start, options)
 
 
 AUTO = {
@@ -203,6 +202,18 @@ def _concluded(search: Callable[..., Fitted], record: AbstractRecord, options) -
         weights,
         options,
     )
+
+
+def starts_for(record: AbstractRecord) -> Any:
+    """Where fits to a record start: read off a step response, or the best of a grid."""
+    return _input_starts if isinstance(record, InputRecord) else _starts
+
+
+def _started(
+    record: AbstractRecord, start: Callable[..., AbstractPlant], options: dict[str, Any]
+) -> Fitted:
+    """The fit from a start of the record."""
+    return _checked_fit(record, start(record, options.get("fixed", ())), options)
 
 
 def _checked_fit(record: AbstractRecord, start: AbstractPlant, options: dict[str, Any]) -> Fitted:

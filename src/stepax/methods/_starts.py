@@ -14,10 +14,8 @@ from .._arrays import Scalar
 from ..models._plants import FOPDT, IPDT, SOPDT, SOPDTZero
 from ..models._spread import chain_with_spread
 from ..records._characterise import levels
-from ..records._input import InputRecord
 from ..records._preprocess import moving_mean, sliding_average
 from ..records._record import StepRecord, usable_record
-from . import _input_starts
 
 
 START_LEVELS = (0.283, 0.632)
@@ -45,13 +43,11 @@ ROWS = 100
 """Rows on which the shapes are compared: a start needs no more."""
 
 
-def first_order_start(record: Any, fixed: Sequence[str]) -> FOPDT:
+def first_order_start(record: StepRecord, fixed: Sequence[str]) -> FOPDT:
     """By the two-point method of Smith (1972), or the best of a grid if that fits better.
 
     Where times lie in clusters both levels may be passed between two samples, and tell little.
     """
-    if isinstance(record, InputRecord):
-        return _input_starts.first_order_start(record, fixed)
     early, late = _start_times(record)
     T = 1.5 * (late - early)
     _, safe = usable_record(record)
@@ -79,10 +75,8 @@ def _first_order_errors(t: Array, y: Array, lags: Array, delays: Array) -> Array
     return -(jnp.sum(g * y, axis=-1) ** 2) / jnp.where(square > 0, square, jnp.inf)
 
 
-def second_order_start(record: Any, fixed: Sequence[str]) -> SOPDT:
+def second_order_start(record: StepRecord, fixed: Sequence[str]) -> SOPDT:
     """Damping by the largest overshoot, period and dead time by two levels."""
-    if isinstance(record, InputRecord):
-        return _input_starts.second_order_start(record, fixed)
     _, safe = usable_record(record)
     early, late = _start_times(record)
     initial, final = levels(safe)
@@ -96,14 +90,12 @@ def second_order_start(record: Any, fixed: Sequence[str]) -> SOPDT:
     return SOPDT(zeta=zeta, omega_n=omega_n, delay=delay)
 
 
-def chain_start(model: Any, record: Any, n: Array, fixed: Sequence[str]) -> Any:
+def chain_start(model: Any, record: StepRecord, n: Array, fixed: Sequence[str]) -> Any:
     """Chain of medium spread through the two start levels, with a dead time if that leaves one.
 
     Its level times are those of equal lags of an order 0.6 n, at which a chain of that spread
     rises about as steeply.
     """
-    if isinstance(record, InputRecord):
-        return _input_starts.chain_start(model, record, n, fixed)
     early, late = _start_times(record)
     orders = np.arange(9)
     effective = np.maximum(1.0, 0.6 * orders)
@@ -117,10 +109,8 @@ def chain_start(model: Any, record: Any, n: Array, fixed: Sequence[str]) -> Any:
     return eqx.tree_at(lambda m: (m.T, m.delay), chain, (chain.T * residence, delay))
 
 
-def zero_start(record: Any, fixed: Sequence[str]) -> SOPDTZero:
+def zero_start(record: StepRecord, fixed: Sequence[str]) -> SOPDTZero:
     """The best of `DELAYS`, each with its best shape; offset, gain and lead by regression."""
-    if isinstance(record, InputRecord):
-        return _input_starts.zero_start(record, fixed)
     _, safe = usable_record(record)
     initial, _ = levels(safe)
     y = _averaged(safe)  # for the onset alone: the regression averages by itself
@@ -173,10 +163,8 @@ def _best_lead(plant: SOPDT, t: Array, y: Array) -> tuple[Scalar, SOPDTZero]:
     return jnp.where(usable & (gain != 0), square, jnp.inf), model
 
 
-def integrating_start(record: Any, fixed: Sequence[str]) -> IPDT:
+def integrating_start(record: StepRecord, fixed: Sequence[str]) -> IPDT:
     """The line through the last half of the record meets the initial level at T + L."""
-    if isinstance(record, InputRecord):
-        return _input_starts.integrating_start(record, fixed)
     _, safe = usable_record(record)
     initial, _ = levels(safe)
     t, late = safe.elapsed, (safe.elapsed >= 0.5 * safe.duration) & safe.present

@@ -54,14 +54,18 @@ def interval_of(t: Any) -> Any:
     return (t[-1] - t[0]) / max(t.shape[0] - 1, 1)
 
 
+def off_grid(t: Any, xp: Any = jnp) -> Any:
+    """How far times lie off the even grid between the first and the last, at most."""
+    return xp.max(xp.abs(t - t[0] - interval_of(t) * xp.arange(t.shape[0], dtype=t.dtype)))
+
+
 def is_even(t: Any, xp: Any = jnp) -> Any:
     """Whether times are those of an even grid but for their rounding, and that is small.
 
     `xp` is numpy where that has to be known now, also inside a function that JAX traces.
     """
     eps = float(jnp.finfo(t.dtype).eps)
-    interval = interval_of(t)
-    off = xp.max(xp.abs(t - t[0] - interval * xp.arange(t.shape[0], dtype=t.dtype)))
+    interval, off = interval_of(t), off_grid(t, xp)
     rounding = 4 * eps * xp.maximum(xp.abs(t[0]), xp.abs(t[-1]))
     return (interval > 0) & (off <= rounding) & (off <= 1e-3 * interval)
 

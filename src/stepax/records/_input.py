@@ -15,7 +15,13 @@ from .._arrays import Count, Flag, Samples, Scalar
 from .._status import Status
 from ..models._abstract import AbstractPlant
 from ..models._contour import chain_curvature
-from ..models._respond import check_hold, respond_evenly, respond_unevenly
+from ..models._respond import (
+    check_hold,
+    interval_of,
+    off_grid,
+    respond_evenly,
+    respond_unevenly,
+)
 from ..models._units import in_unit
 from ._abstract import AbstractRecord, times_go_on
 from ._checks import as_rows, as_samples, as_weights
@@ -363,6 +369,4 @@ def _are_even(t: Any, rows: Any) -> bool | None:
         return False
     rounding = 4 * float(np.spacing(np.abs(t).max()))
     t = t.astype(float)
-    interval = (t[-1] - t[0]) / (t.size - 1)
-    off = np.abs(t - t[0] - interval * np.arange(t.size)).max()
-    return bool(off <= EVEN * abs(interval) + rounding)
+    return bool(off_grid(t, np) <= EVEN * abs(interval_of(t)) + rounding)

@@ -17,6 +17,7 @@ from .._status import Status, first_problem, refused
 from ..fitting._refine import refine
 from ..methods import FITS, METHODS
 from ..models._plants import PTn
+from ..models._respond import respond_evenly
 from ..records._preprocess import smooth
 from ..records._record import StepRecord
 from ._plants import plant_lags, settling_time
@@ -124,9 +125,7 @@ def _record(study: Study, implementation: str, data: Array, order, plant, level,
 
     def respond(t: Samples, u: Samples) -> Samples:
         """That of the plant to an input held between samples, which are evenly spaced from 0."""
-        size = 2 * u.size  # the convolution does not come round
-        moves = jnp.diff(u, prepend=jnp.zeros_like(u[:1]))
-        return jnp.fft.irfft(jnp.fft.rfft(moves, size) * jnp.fft.rfft(clean, size), size)[: u.size]
+        return respond_evenly(model, t[1], u, "zero")
 
     return t, clean, study.table.disturb(level, key, t, clean, respond)
 
