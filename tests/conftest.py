@@ -1,4 +1,6 @@
 import os
+import random
+import time
 from pathlib import Path
 
 import jax
@@ -11,6 +13,9 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 if not os.environ.get("STEPAX_TEST_OPTIMISED"):
     # Compiling is most of the time of the tests; `.ci/run` runs the long ones fully optimised.
     jax.config.update("jax_disable_most_optimizations", True)
+    if jax.__version_info__[:2] == (0, 10):  # as in `stepax._compilation`: half of the time
+        flags = os.environ.get("XLA_FLAGS", "")
+        os.environ["XLA_FLAGS"] = f"{flags} --xla_cpu_use_fusion_emitters=false"
 
 
 @pytest.fixture(scope="module")
@@ -36,3 +41,29 @@ def compiled_code_is_let_go():
     maps = Path("/proc/self/maps")
     if maps.exists() and maps.read_bytes().count(b"\n") > MOST_MAPS:
         jax.clear_caches()
+
+
+def pytest_addoption(parser):
+    parser.addoption("--minutes", type=float, help="let tests go that have not begun by then")
+    parser.addoption("--turn", type=int, help="a number that puts the files into another order")
+
+
+def pytest_configure(config):
+    config.stash[STARTED] = time.monotonic()
+
+
+STARTED = pytest.StashKey[float]()
+
+
+def pytest_collection_modifyitems(config, items):
+    """Where time may not suffice for all, each file has its turn to come first."""
+    if config.getoption("turn") is not None:
+        files = sorted({item.path for item in items})
+        random.Random(config.getoption("turn")).shuffle(files)
+        items.sort(key=lambda item: files.index(item.path))
+
+
+def pytest_runtest_setup(item):
+    minutes = item.config.getoption("minutes")
+    if minutes and time.monotonic() - item.config.stash[STARTED] > 60 * minutes:
+        pytest.skip("no time left")
