@@ -30,7 +30,7 @@ def quick_compilation():
             yield
 
 
-MOST_MAPS = 30_000
+MOST_MAPS = 45_000
 """Memory maps of compiled code from which on it is let go; Linux ends a process at 65 530."""
 
 

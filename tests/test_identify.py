@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -207,13 +208,14 @@ def usual_plants(count):
         ][k % 4]
 
 
-def test_auto_leaves_the_zero_where_there_is_none():
-    """200 plants without one: it is chosen for none, and tried for few."""
+@pytest.mark.parametrize("count", [40, pytest.param(200, marks=pytest.mark.long)])
+def test_auto_leaves_the_zero_where_there_is_none(count):
+    """Of plants without one it is chosen for none, and tried for few."""
     noise = np.random.default_rng(4).choice([0.003, 0.01, 0.03], 200)
-    pairs = zip(usual_plants(200), noise, strict=True)
+    pairs = zip(usual_plants(count), noise, strict=False)
     results = [identify(noisy(plant, x, k)) for k, (plant, x) in enumerate(pairs)]
     assert sum(result.method in WITH_REASON for result in results) == 0
-    assert sum(tried(result) != USUAL for result in results) <= 10
+    assert sum(tried(result) != USUAL for result in results) <= count / 20
 
 
 # Glitches
@@ -233,9 +235,9 @@ LAG = FOPDT(T=1.0, gain=2.0, offset=1.0, delay=0.5)
 @pytest.mark.parametrize(
     "rows, size",
     [
-        ([20, 21], 3.0),
+        pytest.param([20, 21], 3.0, marks=pytest.mark.long),
         ([0, 60, 61, 62, 150], -4.0),
-        (slice(10, 190, 18), 30.0),
+        pytest.param(slice(10, 190, 18), 30.0, marks=pytest.mark.long),
         (range(90, 102), -9),
     ],
     ids=["two", "five", "ten large", "a dropout of twelve"],
@@ -301,9 +303,9 @@ def test_every_detail_is_listed():
     """Their names and meaning stand in `DETAILS`; levels and methods in its patterns."""
     patterns = [re.compile(r"t\d+(_\d+)?$"), re.compile(rf"aicc_({'|'.join(METHODS)})$")]
     record = noisy(Sani(T=1.0, r=0.5, n=2, gain=2.0), 0.0, 0)
-    results = [row.result for row in compare(record).rows]
-    results += [identify(record), METHODS["fopdt_fit"](record, loss="huber")]
-    names = {name for result in results for name in result.details}
+    results = [eqx.filter_eval_shape(METHODS[name], record) for name in METHODS]
+    results += [eqx.filter_eval_shape(METHODS["fopdt_fit"], record, loss="huber")]
+    names = {name for result in [*results, identify(record)] for name in result.details}
     assert {n for n in names if not any(p.match(n) for p in patterns)} <= set(DETAILS)
     used = list({name: None for name in DETAILS if "<" not in name})
     of_records = used[: used.index("t<level>") if "t<level>" in used else used.index("Tu")]

@@ -130,7 +130,10 @@ def test_padding_and_weights_of_a_batch():
     np.testing.assert_allclose(weighed.model.omega_n, alone[1].model.omega_n, rtol=1e-5)
 
 
-@pytest.mark.parametrize("row, moving", [("y", False), ("u", False), ("u", True)])
+@pytest.mark.parametrize(
+    "row, moving",
+    [("u", True), *(pytest.param(row, False, marks=pytest.mark.long) for row in "yu")],
+)
 def test_derivatives_in_the_data_are_differences(row, moving):
     """Damping, gain and dead time, in a direction of the data.
 

@@ -13,6 +13,9 @@ from stepax import FOPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani, Status, StepReco
 from stepax.fitting._problem import Problem
 
 
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
+
 def values(model, names):
     return {name: np.asarray(getattr(model, name)) for name in names}
 
