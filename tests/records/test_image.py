@@ -412,5 +412,14 @@ def test_the_overlay_shows_what_was_read(drawn):
     assert green > red + 50
 
 
+def test_trace_image_writes_the_overlay(drawn, tmp_path):
+    path, options, _ = drawn["default"]
+    trace_image(path, **options, overlay=tmp_path / "check.png")
+    with Image.open(tmp_path / "check.png") as image:
+        assert np.array_equal(np.array(image), np.array(overlay(read_picture(path))))
+    with pytest.raises(ValueError, match=r"end in \.png, got '.*check\.jpg'"):
+        trace_image(path, **options, overlay=tmp_path / "check.jpg")
+
+
 def test_it_is_public():
     assert stepax.trace_image is trace_image
