@@ -136,7 +136,9 @@ def test_bootstrap_interval_has_the_width_of_the_medians_error():
 
 
 def test_picture(whole, tmp_path):
-    whole.plot().savefig(tmp_path / "study.png")
+    figure = whole.plot()
+    figure.savefig(tmp_path / "study.png")
+    assert figure._repr_png_()[1:4] == b"PNG"  # a notebook shows it
 
 
 def test_a_refused_start_is_a_refused_fit(whole):

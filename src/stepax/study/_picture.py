@@ -5,16 +5,15 @@ from typing import Any
 import numpy as np
 
 from ..plots._comparison import LOOKS
+from ..plots._model import Picture, quiet
 
 
 def draw(results: Any, *, title: str | None = None, size: tuple[float, float] = (10.0, 6.5)):
     """Median error with its quartiles above, share of refusals below, a line a method."""
-    from matplotlib.figure import Figure
-
     table = results.summary(by=("method", "noise"), quantiles=(0.25, 0.5, 0.75), bootstrap=0)
     if table.empty:
         raise ValueError("There are no results to draw.")
-    figure = Figure(figsize=size, layout="constrained")
+    figure = Picture(figsize=size, dpi=150, layout="constrained")
     error, lost = figure.subplots(2, 1, sharex=True, height_ratios=[2.5, 1])
     for place, method in enumerate(results.study.options):
         part = table[table["method"] == method]
@@ -30,7 +29,6 @@ def draw(results: Any, *, title: str | None = None, size: tuple[float, float] = 
     error.set(yscale="log", ylabel="RMSE, median and quartiles", title=title or said)
     lost.set(xlabel="noise, % of the change", ylabel="refused, %", ylim=(-2, 102))
     for axes in (error, lost):
-        axes.grid(color="0.92", linewidth=0.6)
-        axes.spines[["top", "right"]].set_visible(False)
+        quiet(axes)
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
     return figure
