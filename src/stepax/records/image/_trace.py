@@ -1,5 +1,6 @@
 """From a picture of a plot to a record: what a picture shows, and what it is in values."""
 
+import dataclasses
 from collections.abc import Sequence
 from io import BufferedIOBase
 from os import PathLike
@@ -53,6 +54,8 @@ def trace_image(
     step_time: Number | None = 0.0,
     step_size: Number = 1.0,
     overlay: str | PathLike | None = None,
+    time: str = "time",
+    output: str = "output",
 ) -> StepRecord:
     r"""The record behind a picture of a plot: PNG, JPEG, WebP or GIF, with linear axes.
 
@@ -74,6 +77,7 @@ def trace_image(
         another colour, else that at which the curve leaves the level of its beginning.
     - `overlay`: a PNG file to write: the picture, pale, with the axes, tick marks and curve as they
         were read. It is written before anything is calibrated.
+    - `time`, `output`: names of the axes with units, such as "time (s)", for plots and reports.
 
     **Returns:** a `StepRecord` with `weights`, the inverse variances of the rows up to a factor,
     and in `.details`: `stroke`, the standard deviation of a level row, the place of the axes
@@ -93,7 +97,8 @@ def trace_image(
     axes = calibrated(
         found, x_range=x_range, y_range=y_range, x_ticks=x_ticks, y_ticks=y_ticks, points=points
     )
-    return record_of(found, axes, step_time, step_size)
+    record = record_of(found, axes, step_time, step_size)
+    return dataclasses.replace(record, labels=Labels(found.picture.name, time, output))
 
 
 def read_picture(
