@@ -8,7 +8,7 @@ import typer
 
 if TYPE_CHECKING:
     from .records._record import StepRecord
-    from .records.image._trace import Finding
+    from .records.image._finding import Finding
 
 PANEL = "Pictures of a plot"
 

@@ -1,5 +1,6 @@
 """What to mind about a result and what to do about it, in sentences; host code."""
 
+import re
 from collections.abc import Iterator
 from typing import Any, Protocol, runtime_checkable
 
@@ -57,6 +58,19 @@ def advice_of(result: Identified, step: int | None = None) -> list[Note]:
     notes += _about_the_rows(details, units.time)
     notes += _about_residuals(result, details, units.output)
     return list(dict(notes).items())
+
+
+KEYWORDS = {"from": "begin=", "to": "end=", "whole": "whole=True", "all-rows": "all_rows=True"}
+"""Options of the command that are not called in Python as they are there."""
+
+
+def in_python(sentence: str) -> str:
+    """A sentence with keywords in place of options of the command: step_time= for --step-time."""
+
+    def keyword(option: re.Match[str]) -> str:
+        return KEYWORDS.get(option[1], option[1].replace("-", "_") + "=")
+
+    return re.sub("--([a-z]+(?:-[a-z]+)*)", keyword, sentence)
 
 
 ADVICE = {

@@ -13,7 +13,7 @@ from jaxtyping import Array
 
 from ._arrays import Samples, Scalar, nan_where, safe_sqrt
 from ._compilation import is_traced
-from ._notes import notes_of
+from ._notes import in_python, notes_of
 from ._status import Status, refused, status_name
 from .models._abstract import AbstractPlant
 from .models._notation import number, transfer_function, transfer_function_text
@@ -137,13 +137,16 @@ class Identification(eqx.Module):
         return transfer_function(self.model, style)
 
     def summary(self) -> str:
-        """What the command prints: record, model, parameters with intervals, quality and notes."""
+        """What the command prints: record, model, parameters with intervals, quality and notes.
+
+        Notes name keywords where those of the command name options.
+        """
         return as_text(self)
 
     @property
     def notes(self) -> list[str]:
         """What to mind about this result, each in one sentence."""
-        return notes_of(self)
+        return [in_python(note) for note in notes_of(self)]
 
     def interval(self, name: str, level: float = LEVEL) -> tuple:
         """Lower and upper end of a parameter's confidence interval, by Student's t.

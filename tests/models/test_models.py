@@ -445,3 +445,18 @@ def test_oscillating_model_has_no_lags():
     for plant in (SOPDT(zeta=0.5, omega_n=1.0), SOPDTZero(zeta=0.5, omega_n=1.0, lead=1.0)):
         with pytest.raises(ValueError, match="zeta"):
             _ = plant.lags
+
+
+@settling
+def test_the_sum_of_lags_is_the_area_above_the_response(name):
+    """With the dead time, the integral of 1 - g to infinity."""
+    model = make(name, gain=1.0, offset=0.0)
+    t = np.linspace(0, 120, 200_001)
+    area = np.trapezoid(1 - np.asarray(model.unit_response(jnp.asarray(t))), t)
+    assert float(model.sum_of_lags) == pytest.approx(area, rel=1e-4)
+    assert make(name).sum_of_lags == model.sum_of_lags
+    assert eqx.filter_grad(lambda model: model.sum_of_lags)(model).gain == 0
+
+
+def test_an_integrator_has_no_sum_of_lags():
+    assert np.isnan(make("IPDT").sum_of_lags)

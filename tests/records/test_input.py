@@ -111,6 +111,16 @@ def test_padding_moves_nothing():
     np.testing.assert_allclose(y[1, :40], predict(PLANT, record)[:40], atol=1e-11)
 
 
+def test_padding_moves_nothing_at_other_times():
+    """The zeros that fill a record up are no level of its input, which is far from 0 here."""
+    record = InputRecord(T, T, U + 20.0)
+    padded = padded_record(record, 90)
+    between = np.linspace(0.0, 40.0, 30)
+    assert float(padded.input_size) == float(record.input_size)
+    expected = predict(PLANT, record, between)
+    np.testing.assert_allclose(predict(PLANT, padded, between), expected, atol=1e-11)
+
+
 def test_evenness_is_seen_where_times_are_known():
     assert InputRecord(np.arange(50), T[:50], U[:50]).even
     assert InputRecord(np.linspace(0, 1, 50, dtype=np.float32), T[:50], U[:50]).even

@@ -136,7 +136,11 @@ def test_bootstrap_interval_has_the_width_of_the_medians_error():
 
 
 def test_picture(whole, tmp_path):
-    whole.plot().savefig(tmp_path / "study.png")
+    figure = whole.plot()
+    figure.savefig(tmp_path / "study.png")
+    assert figure._repr_png_()[1:4] == b"PNG"  # a notebook shows it
+    low, high = figure.axes[0].get_ylim()
+    assert 1e-6 < low < high  # what is exact without noise lies below
 
 
 def test_a_refused_start_is_a_refused_fit(whole):

@@ -159,6 +159,19 @@ def test_quantisation_is_said_where_noise_does_not_hide_it(result):
     assert len(said) == 1 and "degC, which its noise does not hide: the intervals leave" in said[0]
 
 
+def test_notes_name_keywords_in_python():
+    found = identify(record(), "fopdt_fit")
+    details = {"steps_found": jnp.asarray(3), "rows_thinned": jnp.asarray(9000)}
+    details |= {"span_of_average": jnp.asarray(0.5), "thinned_coarsely": jnp.asarray(True)}
+    found = dataclasses.replace(found, details=found.details | details)
+    said = " ".join(found.notes)
+    assert "choose with step=; whole=True uses the whole log" in said
+    assert "all_rows=True uses each row" in said and "with begin= and end= for" in said
+    for text in (said, str(found), found._repr_html_()):
+        assert "--" not in text.replace("-->", "")
+    assert "--all-rows" in " ".join(notes_of(found))  # of the command
+
+
 def test_quantised_records():
     """Rounding in steps of the noise is white noise; in steps of five times that it is not."""
     y = np.asarray(record().y)

@@ -266,6 +266,19 @@ class AbstractPlant(eqx.Module):
         """Change of the output per unit of input after all transients."""
         return self.gain
 
+    @property
+    def sum_of_lags(self) -> Scalar:
+        r"""$-G'(0)/G(0)$ without the dead time: $\sum_k T_k$, less the lead of a zero.
+
+        With the dead time it is the mean residence time, the area above the response to a unit
+        step over the gain: what a record determines best. $2\zeta/\omega_n$ of two poles, NaN of an
+        integrator.
+        """
+        if not self.settles:
+            return jnp.full_like(self.delay, jnp.nan)
+        s = 1j * jnp.zeros_like(self.delay)
+        return -jax.jvp(self.unit_transfer_function, (s,), (jnp.ones_like(s),))[1].real
+
     def to_control(self, pade_order: int | None = None):
         """This model as a python-control `TransferFunction` (needs `stepax[control]`).
 

@@ -125,7 +125,8 @@ class InputRecord(AbstractRecord):
     @property
     def input_size(self) -> Scalar:
         """From the least to the largest input: a unit, of which nothing depends."""
-        size = jax.lax.stop_gradient(jnp.max(self.u) - jnp.min(self.u))
+        u = jnp.where(self.present, self.u, self.u[:1])  # what pads a record is no level of it
+        size = jax.lax.stop_gradient(jnp.max(u) - jnp.min(u))
         return jnp.where(size > 0, size, 1)
 
     @property

@@ -6,7 +6,7 @@ rich is imported where something is laid out: `import stepax` does without it.
 from html import escape
 from typing import TYPE_CHECKING
 
-from .._notes import Identified
+from .._notes import Identified, in_python
 from . import _content
 
 
@@ -19,10 +19,13 @@ def report(
     result: Identified, method: str | None = None, step: int | None = None
 ) -> "rich.console.Group":
     """What an identification says; `step` is the number that was asked for, None for the first."""
+    return _laid_out(_content.content(result, method, step))
+
+
+def _laid_out(said: _content.Content) -> "rich.console.Group":
     from rich.console import Group
     from rich.text import Text
 
-    said = _content.content(result, method, step)
     lines = [Text(line) for line in said.heading]
     if said.ranking:
         lines.append(Text(_ranking(said)))
@@ -47,7 +50,7 @@ def table(content: _content.Table) -> "rich.table.Table":
 
 
 def as_text(result: Identified) -> str:
-    """The record and the report as the command prints them, without colours."""
+    """The record and the report as the command prints them, without colours, for Python."""
     from io import StringIO
 
     from rich.console import Console
@@ -55,14 +58,14 @@ def as_text(result: Identified) -> str:
     # As wide as a paper; a sentence breaks between words where it is longer.
     out = Console(file=StringIO(), width=100, no_color=True, force_terminal=False)
     out.print(_content.record_line(result.record), markup=False, highlight=False)
-    out.print(report(result))
+    out.print(_laid_out(_in_python(result)))
     lines = out.file.getvalue().splitlines()  # pyright: ignore[reportAttributeAccessIssue]
     return "\n".join(line.rstrip() for line in lines)
 
 
 def as_html(result: Identified) -> str:
     """The same for a notebook: a heading, the table of parameters, quality and notes."""
-    said = _content.content(result)
+    said = _in_python(result)
     columns = said.parameters.columns
     side = ["right" if i in said.parameters.numbers else "left" for i in range(len(columns))]
 
@@ -83,6 +86,12 @@ def as_html(result: Identified) -> str:
     if said.notes:
         parts += ["<ul>", *(f"<li>{escape(note)}</li>" for note in said.notes), "</ul>"]
     return "\n".join(parts)
+
+
+def _in_python(result: Identified) -> _content.Content:
+    """What an identification says to those who called it, not the command."""
+    said = _content.content(result)
+    return said._replace(notes=[in_python(note) for note in said.notes])
 
 
 def _ranking(said: _content.Content) -> str:

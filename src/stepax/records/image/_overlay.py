@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ._trace import Finding
+from ._finding import Finding
 
 
 if TYPE_CHECKING:

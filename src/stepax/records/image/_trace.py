@@ -1,9 +1,11 @@
 """From a picture of a plot to a record: what a picture shows, and what it is in values."""
 
+import dataclasses
 from collections.abc import Sequence
 from io import BufferedIOBase
 from os import PathLike
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +15,7 @@ from .._record import MIN_SAMPLES, StepRecord
 from .._table import opened
 from ._box import Box, find_box
 from ._calibration import Axis, axis_of, places
+from ._finding import Finding
 from ._inks import (
     Drawing,
     Ink,
@@ -23,9 +26,10 @@ from ._inks import (
     lightness_coverage,
     match_ink,
 )
+from ._overlay import overlay_bytes
 from ._picture import Picture, load
 from ._stroke import Stroke, is_step, trace
-from ._ticks import Ticks, tick_marks
+from ._ticks import tick_marks
 
 
 Pair = Any
@@ -35,39 +39,6 @@ Number = Any
 SHARP, BLURRED = 0.05, 0.2
 """Standard deviation in pixels of the middle of a level stroke, as measured on plots of known
 curves: `test_the_stroke_is_as_certain_as_it_says`. JPEG and WebP blur it."""
-
-
-class Finding(NamedTuple):
-    """What a picture shows: the axes, their tick marks, colours of curves, and the curve's stroke.
-
-    `ink` and `stroke` are None where the colour has to be chosen. Columns and rows of `stroke` are
-    counted in the whole picture.
-    """
-
-    picture: Picture
-    box: Box
-    ticks: Ticks
-    inks: list[Ink]
-    ink: Ink | None = None
-    stroke: Stroke | None = None
-    step_column: float | None = None
-
-    @property
-    def sentence(self) -> str:
-        """What was found, in one sentence."""
-        box, names = self.box, ", ".join(ink.name for ink in self.inks)
-        edges = f"x = {box.left:g} to {box.right:g} and y = {box.top:g} to {box.bottom:g}"
-        curve = f"curves in {names}" if self.stroke is None else f"a curve in {names}"
-        if self.stroke is not None and self.ink is not None:
-            columns = f"{self.stroke.column.size} columns"
-            curve = f"a curve in {self.ink.name}, {self.stroke.width:.1f} pixels thick, {columns}"
-            others = [ink.name for ink in self.inks if ink is not self.ink]
-            curve += f", beside {', '.join(others)}" if others else ""
-        return (
-            f"{self.picture.name}, {self.picture.width} x {self.picture.height} pixels, has axes"
-            f" at pixels {edges}, {self.ticks.x.size} tick marks on x and {self.ticks.y.size} on y,"
-            f" and {curve}."
-        )
 
 
 def trace_image(
@@ -82,6 +53,9 @@ def trace_image(
     box: Any = None,
     step_time: Number | None = 0.0,
     step_size: Number = 1.0,
+    overlay: str | PathLike | None = None,
+    time: str = "time",
+    output: str = "output",
 ) -> StepRecord:
     r"""The record behind a picture of a plot: PNG, JPEG, WebP or GIF, with linear axes.
 
@@ -101,6 +75,9 @@ def trace_image(
     - `box`: left, top, right and bottom edge of the axes in pixels, where they are not found.
     - `step_time`, `step_size`: of the input. None takes the time of a step that is drawn in
         another colour, else that at which the curve leaves the level of its beginning.
+    - `overlay`: a PNG file to write: the picture, pale, with the axes, tick marks and curve as they
+        were read. It is written before anything is calibrated.
+    - `time`, `output`: names of the axes with units, such as "time (s)", for plots and reports.
 
     **Returns:** a `StepRecord` with `weights`, the inverse variances of the rows up to a factor,
     and in `.details`: `stroke`, the standard deviation of a level row, the place of the axes
@@ -113,10 +90,15 @@ def trace_image(
     it says what was found.
     """
     found = read_picture(path, color, box)
+    if overlay is not None:
+        if Path(overlay).suffix.lower() != ".png":
+            raise ValueError(f"overlay must end in .png, got {str(overlay)!r}.")
+        Path(overlay).write_bytes(overlay_bytes(found))
     axes = calibrated(
         found, x_range=x_range, y_range=y_range, x_ticks=x_ticks, y_ticks=y_ticks, points=points
     )
-    return record_of(found, axes, step_time, step_size)
+    record = record_of(found, axes, step_time, step_size)
+    return dataclasses.replace(record, labels=Labels(found.picture.name, time, output))
 
 
 def read_picture(
