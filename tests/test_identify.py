@@ -192,6 +192,7 @@ def test_auto_finds_an_integrator(seed):
     assert tried(result) == USUAL | {"aicc_ipdt_fit"}
     assert abs(result.model.gain + 0.3) < 5 * result.std["gain"]
     assert result.status == Status.successful and np.isneginf(result.model.static_gain)
+    assert any("taken for an integrator's" in note for note in result.notes)
 
 
 def usual_plants(count):

@@ -54,6 +54,9 @@ def advice_of(result: Identified, step: int | None = None) -> list[Note]:
         sentence = f"The fit is only {number(fit)} %: look at the plot before using it."
         notes.append((sentence, "Compare all methods; another family may follow the record."))
     notes += _about_parameters(result, details)
+    if _holds(details, "unsettled") and not result.model.settles:  # it was not asked for
+        sentence = "The output still moves steadily at the end: it is taken for an integrator's."
+        notes.append((sentence, "If the plant settles, record until it rests: then it has a gain."))
     notes += _about_the_step(result, details, units, step)
     notes += _about_the_rows(details, units.time)
     notes += _about_residuals(result, details, units.output)
