@@ -10,6 +10,7 @@ Each part runs in new processes, compilation included, float64, as a user types 
 - `files`: 40 files of 40 lengths (60 to 1240 rows) by `stepax identify FOLDER`, cold.
 - `scipy`: `curve_fit` of first and second order plus dead time (closed form in NumPy, one start as
   good as ours) on the same records, for scale: two families of the four, without choosing an order.
+- `long`: records of 10^5 and 10^6 rows by the command, cold; peak memory in GB.
 - `growth`: 300 records of 300 lengths, `identify` auto and `compare` in turn: memory maps and
   resident memory over the records, as a picture (`--out FOLDER`).
 
@@ -115,15 +116,21 @@ def written(folder: Path, rows: int) -> Path:
     return path
 
 
-def timed(cache: str, *arguments) -> float:
+def timed(cache: str, *arguments, what: str = "identify") -> float:
+    return resources(cache, *arguments, what=what)[0]
+
+
+def resources(cache: str, *arguments, what: str = "identify") -> tuple[float, float]:
+    """Seconds of the command, and its peak memory in GB."""
     begin = time.perf_counter()
-    subprocess.run(
-        [sys.executable, "-c", "from stepax._cli import main; main()", "identify", *arguments],
+    command = subprocess.Popen(
+        [sys.executable, "-c", "from stepax._cli import main; main()", what, *arguments],
         env=os.environ | {"XDG_CACHE_HOME": cache},
         stdout=subprocess.DEVNULL,
-        check=True,
     )
-    return time.perf_counter() - begin
+    _, status, used = os.wait4(command.pid, 0)
+    assert status == 0
+    return time.perf_counter() - begin, used.ru_maxrss / 1e6
 
 
 def command(out: Path) -> dict[str, float]:
@@ -188,6 +195,20 @@ def scipy(out: Path) -> dict[str, float]:
     return takes
 
 
+def long(out: Path) -> dict[str, float]:
+    found = {}
+    with tempfile.TemporaryDirectory() as folder:
+        path, longer = (str(written(Path(folder), rows)) for rows in (100_000, 1_000_000))
+        for what, file, name in (
+            ("identify", path, "identify, 10^5 rows (goal 10)"),
+            ("compare", path, "compare, 10^5 rows (goal 30)"),
+            ("identify", longer, "identify, 10^6 rows"),
+        ):
+            with tempfile.TemporaryDirectory() as cache:
+                found[name], memory = resources(cache, file, what=what)
+    return found | {"peak of the last in GB (goal 2)": memory}
+
+
 GROWTH = """
 import json
 def usage():
@@ -232,7 +253,7 @@ def growth(out: Path) -> dict[str, float]:
     }
 
 
-PARTS = {x.__name__: x for x in (cold, warm, command, lengths, files, scipy, growth)}
+PARTS = {x.__name__: x for x in (cold, warm, command, lengths, files, scipy, long, growth)}
 
 
 def main() -> None:
