@@ -16,6 +16,7 @@ PACKAGE = Path(__file__).parents[1] / "src" / "stepax"
 
 ROOMS = (
     "_arrays",
+    "_orthonormal",
     "_status",
     "_batches",
     "_programs",

@@ -7,10 +7,10 @@ all of them.
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._arrays import Samples
+from .._orthonormal import orthonormal
 
 
 INDEPENDENT = 1e-6
@@ -32,24 +32,9 @@ class Beside(NamedTuple):
 
     @classmethod
     def of(cls, columns: list[Samples], weights: Samples) -> "Beside":
-        """By Gram and Schmidt, twice, which is enough (Giraud, Langou 2005).
-
-        Not by `jnp.linalg.qr`: within `shard_map` on several CPU devices that never returns.
-        """
-        done: list[tuple[Samples, Array]] = []
-        unit = jnp.eye(len(columns), dtype=weights.dtype)
-        for column, c in zip(columns, unit, strict=True):
-            square = weights @ column**2
-            q = column
-            for _ in range(2):
-                for other, along in done:
-                    part = (weights * other) @ q
-                    q, c = q - part * other, c - part * along
-            rest = weights @ q**2
-            own = rest > INDEPENDENT**2 * square
-            size = jnp.where(own, 1 / jnp.sqrt(jnp.where(own, rest, 1)), 0)
-            done.append((q * size, c * size))
-        return cls(jnp.stack([q for q, _ in done]), jnp.stack([c for _, c in done]), weights)
+        """Of columns that are there, in their order."""
+        q, c, _ = orthonormal(columns, weights, INDEPENDENT)
+        return cls(q, c, weights)
 
     def across(self, row: Samples) -> Samples:
         """What of a row the columns do not explain."""

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._arrays import Count, Samples, Scalar, nan_where, safe_sqrt
+from .._orthonormal import orthonormal
 from .._result import Identification
 from .._status import Status, first_problem, refused
 from ..models._abstract import COMMON, ScalarParameter
@@ -239,14 +240,11 @@ def _covariance(problem, model, root, residual, phi, at_bound, values) -> _Covar
     jacobian = jnp.where(frozen[:, None], 0, jacobian)[last]
     size = jnp.sqrt(jnp.sum(jacobian**2, axis=1))
     size = jnp.where(size > 0, size, 1)
-    q, r = jnp.linalg.qr((jacobian / size[:, None]).T)
-    diagonal = jnp.diagonal(r)
-    # A column of unit length that others explain to 64 eps is rounding, no direction of its own.
-    lost = jnp.abs(diagonal) < 64 * jnp.finfo(r.dtype).eps
-    r = r + jnp.diag(jnp.where(lost, 1 - diagonal, 0))
-    inverse = jax.scipy.linalg.solve_triangular(r, jnp.eye(r.shape[0], dtype=r.dtype))
-    q = jnp.where(lost[None, :], 0, q)
-    rows, known = q[: root.size], q[root.size :]
+    # A row of unit length that others explain to 64 eps is rounding, no direction of its own.
+    least = 64 * float(jnp.finfo(jacobian.dtype).eps)
+    q, c, own = orthonormal(list(jacobian / size[:, None]), 1.0, least)
+    lost, inverse = ~own, c.T
+    rows, known = q.T[: root.size], q.T[root.size :]
     coloured = _correlated(rows, phi)
     effective = jnp.trace(coloured) + jnp.trace(_correlated(beside.T, phi))
     coloured = coloured + known.T @ known

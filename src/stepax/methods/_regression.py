@@ -18,6 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._arrays import Samples, Scalar, safe_sqrt
+from .._orthonormal import orthonormal
 from .._result import Identification
 from .._status import Status
 from ..models._plants import SOPDT, SOPDTZero
@@ -111,7 +112,7 @@ def _regression(
             powers = [jnp.where(used, safe**k, 0) for k in POWERS[-table.shape[1] :]]
             beside = jnp.stack(powers, axis=1)
         else:
-            beside = _orthonormal(chosen)  # least squares
+            beside = orthonormal(list(chosen.T), 1.0, 0.0).q.T  # least squares
         solution = jnp.linalg.solve(beside.T @ chosen, beside.T @ values)
         found = Equation(*solution, *([solution[1]] if known else []))
         late = jax.lax.stop_gradient(-found.c1 / found.c2)
@@ -120,20 +121,6 @@ def _regression(
 
     _, found = jax.lax.scan(again, first / area.end, length=ROUNDS)
     return jax.tree.map(lambda x: x[-1], found)
-
-
-def _orthonormal(table: Float[Array, "rows columns"]) -> Float[Array, "rows columns"]:
-    """Orthonormal columns of the same span, by Gram and Schmidt, modified.
-
-    Not by `jnp.linalg.qr`: within `shard_map` on several CPU devices that never returns.
-    """
-    found: list[Array] = []
-    for column in table.T:
-        for other in found:
-            column = column - jnp.dot(other, column) * other
-        size = jnp.sum(column**2)
-        found.append(column / jnp.sqrt(jnp.where(size > 0, size, 1)))
-    return jnp.stack(found, axis=1)
 
 
 def _conclude(
