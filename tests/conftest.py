@@ -58,9 +58,8 @@ STARTED = pytest.StashKey[float]()
 def pytest_collection_modifyitems(config, items):
     """Where time may not suffice for all, each file has its turn to come first."""
     if config.getoption("turn") is not None:
-        files = sorted({item.path for item in items})
-        random.Random(config.getoption("turn")).shuffle(files)
-        items.sort(key=lambda item: files.index(item.path))
+        turn = config.getoption("turn")
+        items.sort(key=lambda item: random.Random(f"{turn} {item.path.name}").random())
 
 
 def pytest_runtest_setup(item):
