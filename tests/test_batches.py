@@ -132,5 +132,5 @@ assert np.all(errors < 1e-6), errors
 
 @pytest.mark.long
 def test_over_two_devices_with_an_odd_number_of_records():
-    """With standard errors: `jnp.linalg.qr` would never return there."""
+    """With standard errors: LAPACK's QR would never return there."""
     subprocess.run([sys.executable, "-c", TWO], check=True, timeout=600)

@@ -237,7 +237,7 @@ LAG = FOPDT(T=1.0, gain=2.0, offset=1.0, delay=0.5)
     "rows, size",
     [
         pytest.param([20, 21], 3.0, marks=pytest.mark.long),
-        ([0, 60, 61, 62, 150], -4.0),
+        pytest.param([0, 60, 61, 62, 150], -4.0, marks=pytest.mark.long),
         pytest.param(slice(10, 190, 18), 30.0, marks=pytest.mark.long),
         (range(90, 102), -9),
     ],

@@ -25,7 +25,7 @@ def orthonormal(rows: Sequence[Samples], weights: Samples | float, least: float)
 
     `least`: share of its length that a row must keep across those before it to be one of its own.
     By Gram and Schmidt, twice, which is enough (Giraud, Langou 2005): few rows vectorise over a
-    batch. Not by `jnp.linalg.qr`: within `shard_map` on several CPU devices that never returns.
+    batch. LAPACK's QR never returns within `shard_map` on several CPU devices.
     """
     done: list[tuple[Samples, Array]] = []
     owns = []

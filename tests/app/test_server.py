@@ -1,7 +1,6 @@
 """The server: on this machine alone, for its own pages alone, and the command that starts it."""
 
 import asyncio
-import gc
 import re
 import urllib.request
 
@@ -12,16 +11,6 @@ from stepax._cli import run
 
 
 pytest.importorskip("bokeh")
-
-# Bokeh's and Tornado's clients leave sockets to the garbage collector.
-pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-
-
-@pytest.fixture(autouse=True)
-def sockets_are_let_go():
-    """Here, not within a later test of another file."""
-    yield
-    gc.collect()
 
 
 @pytest.fixture(scope="module")

@@ -92,6 +92,7 @@ def test_errors_are_those_of_a_fit_of_all_numbers_by_scipy():
     assert int(result.details["parameters"]) == 8
 
 
+@pytest.mark.long
 def test_own_motions_of_equal_lags():
     """Nearly the same columns do not spoil what is found."""
     plant = stepax.PTn(lags=[4.0, 4.0, 4.0], gain=2.0, offset=5.0, delay=2.0)
@@ -114,6 +115,7 @@ def test_a_sampled_step_is_a_step():
         np.testing.assert_allclose(by_input.std[name], by_step.std[name], rtol=1e-3)
 
 
+@pytest.mark.long
 def test_padding_and_weights_of_a_batch():
     records = [simulated(TRUE["SOPDT"], 0.1, seed) for seed in range(2)]
     shorter = InputRecord(T[:150], np.asarray(records[1].y)[:150], U[:150])

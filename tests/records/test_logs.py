@@ -112,7 +112,7 @@ KINDS = {
             response(STAIR) + response(STAIR, 22.0, 20.0) - 22,
         ),
         {"step": 2},
-        r"The output still moves when the step comes, by \d\.\d+ degC/s: .*--step",
+        r"The output still moves when the step comes, by \d\.\d+ degC/s: .*step=",
         {"model": None},
     ),
     "repeated time stamps": (

@@ -34,7 +34,7 @@ def increasing_root(
 def _root(function: Callable[[Array], tuple[Array, Array]], lower, upper, start) -> Array:
     """`increasing_root` of a function that carries all that it depends on.
 
-    Not `jax.lax.custom_root`, which traces the derivatives also where nobody asks for them: of
+    JAX's own custom root traces the derivatives also where nobody asks for them: of
     roots within roots that was half of the time that a comparison is traced.
     """
     small = jnp.sqrt(jnp.finfo(start.dtype).eps) / 10
