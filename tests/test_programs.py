@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from stepax import FOPDT, METHODS, StepRecord
+from stepax import FOPDT, METHODS, StepRecord, _programs
 from stepax._compilation import compiled, quick_compilation
 
 
@@ -90,3 +90,9 @@ def test_errors_of_options_are_the_same(folder):
     record = StepRecord(np.linspace(0, 10, 40), 1 - np.exp(-np.linspace(0, 10, 40)))
     with quick_compilation(), pytest.raises(ValueError, match="constants must be"):
         METHODS["viteckova_1"](record, constants="wrong")
+
+
+def test_equal_objects_have_one_name():
+    """Of two equal tuples and of one tuple twice, as they come from a file and from tracing."""
+    one, other = tuple("ab"), tuple("ab")
+    assert one is not other and _programs._pickled((one, one)) == _programs._pickled((one, other))

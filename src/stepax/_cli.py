@@ -234,8 +234,6 @@ def _identify_file(
     from ._identify import identify as identify_record
     from ._status import Status, refused
     from .report._content import to_json
-    from .report._html import html
-    from .report._pages import result_page
     from .report._terminal import report
 
     outputs.check(file)
@@ -247,10 +245,18 @@ def _identify_file(
         written = outputs.write(
             result.plot,
             lambda: to_json(result),
-            lambda: html(result_page(result, result.method, _origin(example, reading))),
+            lambda: _page("result_page", result, result.method, _origin(example, reading)),
         )
     said = report(result, result.method, reading["step"])
     _show(_heading(record, example), said, written=written)
+
+
+def _page(kind: str, *about: Any) -> str:
+    """A page of `report/_pages`, which import what draws: a second, only with --report."""
+    from .report import _pages
+    from .report._html import html
+
+    return html(getattr(_pages, kind)(*about))
 
 
 def _identify_files(
@@ -266,8 +272,6 @@ def _identify_files(
     from ._identify_each import Identifications, each_of
     from .report._content import table_of_files
     from .report._files import Outputs, check_folder, write_pictures, write_table
-    from .report._html import html
-    from .report._pages import files_page
     from .report._terminal import table
 
     paths = [path for x in files for path in (sorted(x.glob("*.csv")) if x.is_dir() else [x])]
@@ -284,7 +288,9 @@ def _identify_files(
         raise ValueError(f"No file could be used; {first.source}: {first.reason}")
     written = write_pictures(found.outcomes, plots) + write_table(found, csv)
     written += Outputs(None, None, page).write(
-        lambda: None, lambda: None, lambda: html(files_page(found.outcomes, _origin(None, reading)))
+        lambda: None,
+        lambda: None,
+        lambda: _page("files_page", found.outcomes, _origin(None, reading)),
     )
     _show(table(table_of_files(found.outcomes)), written=written)
 
@@ -307,8 +313,6 @@ def compare(
     from ._compare import check_group, check_kind, compare as compare_methods
     from ._notes import notes_of
     from .report._content import to_json
-    from .report._html import html
-    from .report._pages import comparison_page
     from .report._terminal import comparison_report
 
     check_group(group)
@@ -329,7 +333,7 @@ def compare(
         written = outputs.write(
             lambda: comparison.plot(group, kind),
             lambda: [to_json(row.result, row.method) for row in kept],
-            lambda: html(comparison_page(comparison, group, _origin(example, reading))),
+            lambda: _page("comparison_page", comparison, group, _origin(example, reading)),
         )
     notes = [f"Note: {text}" for text in notes_of(kept[0].result, reading["step"])]
     _show(_heading(record, example), comparison_report(comparison, group), *notes, written=written)

@@ -163,8 +163,6 @@ def _write(path: Path, traced: _Traced) -> None:
 class _Pickler(pickle.Pickler):
     """Refuses functions and classes of which `versions` would not know that they have changed."""
 
-    fast = True  # without a memo: what is equal comes out equal, also where it is not the same
-
     def persistent_id(self, obj: Any) -> None:
         if callable(obj) and hasattr(obj, "__module__"):
             if (obj.__module__ or "").split(".")[0] not in KNOWN:
@@ -173,5 +171,9 @@ class _Pickler(pickle.Pickler):
 
 def _pickled(value: Any) -> bytes:
     file = io.BytesIO()
-    _Pickler(file).dump(value)
+    pickler = _Pickler(file)
+    # Without a memo: what is equal comes out equal, also where it is not the same object. As an
+    # attribute of the class it would hide the one that pickling looks at.
+    pickler.fast = True
+    pickler.dump(value)
     return file.getvalue()
