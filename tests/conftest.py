@@ -48,17 +48,17 @@ def pytest_addoption(parser):
     parser.addoption("--turn", type=int, help="a number that puts the files into another order")
 
 
+STARTED = pytest.StashKey[float]()
+
+
 def pytest_configure(config):
     config.stash[STARTED] = time.monotonic()
 
 
-STARTED = pytest.StashKey[float]()
-
-
 def pytest_collection_modifyitems(config, items):
     """Where time may not suffice for all, each file has its turn to come first."""
-    if config.getoption("turn") is not None:
-        turn = config.getoption("turn")
+    turn = config.getoption("turn")
+    if turn is not None:
         items.sort(key=lambda item: random.Random(f"{turn} {item.path.name}").random())
 
 

@@ -238,19 +238,17 @@ def _covariance(problem, model, root, residual, phi, at_bound, values) -> _Covar
     if problem.prior is not None:
         jacobian = jnp.concatenate([jacobian, _prior_rows(problem)], axis=1)
     jacobian = jnp.where(frozen[:, None], 0, jacobian)[last]
-    size = jnp.sqrt(jnp.sum(jacobian**2, axis=1))
-    size = jnp.where(size > 0, size, 1)
-    # A row of unit length that others explain to 64 eps is rounding, no direction of its own.
+    # A row that others explain to 64 eps of its length is rounding, no direction of its own.
     least = 64 * float(jnp.finfo(jacobian.dtype).eps)
-    q, c, own = orthonormal(list(jacobian / size[:, None]), 1.0, least)
-    lost, inverse = ~own, c.T
+    q, c, own = orthonormal(list(jacobian), 1.0, least)
+    lost = ~own
     rows, known = q.T[: root.size], q.T[root.size :]
     coloured = _correlated(rows, phi)
     effective = jnp.trace(coloured) + jnp.trace(_correlated(beside.T, phi))
     coloured = coloured + known.T @ known
     freedom = jnp.maximum(jnp.sum(root > 0) - effective, 1)
     variance = jnp.sum(residual**2) / freedom
-    matrix = variance * inverse @ coloured @ inverse.T / size[:, None] / size[None, :]
+    matrix = variance * c.T @ coloured @ c
     place = jnp.argsort(last)
     matrix, lost = matrix[place][:, place], lost[place]
     unknown = at_bound | lost

@@ -1,6 +1,5 @@
 """From a picture of a plot to a record: what a picture shows, and what it is in values."""
 
-import dataclasses
 from collections.abc import Sequence
 from io import BufferedIOBase
 from os import PathLike
@@ -97,8 +96,7 @@ def trace_image(
     axes = calibrated(
         found, x_range=x_range, y_range=y_range, x_ticks=x_ticks, y_ticks=y_ticks, points=points
     )
-    record = record_of(found, axes, step_time, step_size)
-    return dataclasses.replace(record, labels=Labels(found.picture.name, time, output))
+    return record_of(found, axes, step_time, step_size, (time, output))
 
 
 def read_picture(
@@ -209,9 +207,13 @@ def calibrated(found: Finding, **given: Any) -> tuple[Axis, Axis]:
 
 
 def record_of(
-    found: Finding, axes: tuple[Axis, Axis], step_time: Number | None, step_size: Number
+    found: Finding,
+    axes: tuple[Axis, Axis],
+    step_time: Number | None,
+    step_size: Number,
+    names: Sequence[str] = (),
 ) -> StepRecord:
-    """The record of a finding."""
+    """The record of a finding; `names` of its axes, if they are known."""
     stroke, (x, y) = found.stroke, axes
     assert stroke is not None  # `calibrated` has asked
     t, values = x.value(stroke.column), y.value(stroke.row)
@@ -242,7 +244,7 @@ def record_of(
         values,
         step_time,
         step_size,
-        labels=Labels(found.picture.name),
+        labels=Labels(found.picture.name, *names),
         details={name: jnp.asarray(value) for name, value in details.items()},
         weights=weights,
     )
