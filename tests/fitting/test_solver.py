@@ -104,6 +104,25 @@ def test_an_optimum_on_a_bound_is_exact_and_takes_few_steps(problem, name):
     np.testing.assert_allclose(elsewhere[0], x, atol=1e-7)
 
 
+@pytest.mark.parametrize(("share", "reached"), [(0.5, False), (1.001, True)])
+def test_a_search_ends_where_a_cost_is_out_of_reach(share, reached):
+    """`beat`: half of the least cost is given up at once, a little more than that is reached."""
+    start = [2.0, 1.4, 0.3]
+    x, _, _ = solve("decay", BOUNDS["decay"]["far"], start)
+    least = 0.5 * np.sum(np.asarray(decay(x, DECAY)) ** 2)
+    lower, upper = np.array(BOUNDS["decay"]["far"], float)
+    found = optx.least_squares(
+        decay,
+        stepax.BoundedLevenbergMarquardt(rtol=1e-10),
+        jnp.array(start),
+        args=DECAY,
+        options={"lower": lower, "upper": upper, "beat": share * least},
+        throw=False,
+    )
+    assert (found.result == optx.RESULTS.successful) == reached
+    assert reached or int(found.stats["num_steps"]) <= 4
+
+
 def test_a_start_beyond_the_bounds_is_put_on_them():
     lower, upper = BOUNDS["decay"]["far"]
     x, converged, _ = solve("decay", (lower, upper), [20.0, -5.0, 0.0])

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
+import numpy as np
+from jaxtyping import Array, Float
 
 from .._arrays import Count, Flag, Scalar
 from .._batches import axes_of, with_batch
@@ -24,7 +25,10 @@ Fewer vectorise worse, more are slower for want of cache: see `benchmarks/method
 
 
 class Search(NamedTuple):
-    """A problem, a start within bounds, and the solver; nothing is done unless it is `wanted`."""
+    """A problem, a start within bounds, and the solver; nothing is done unless it is `wanted`.
+
+    A search that cannot get below the cost to `beat` is given up.
+    """
 
     problem: Any
     start: Array
@@ -32,15 +36,17 @@ class Search(NamedTuple):
     upper: Array
     solver: BoundedLevenbergMarquardt
     wanted: Flag
+    beat: Scalar | float = np.inf
 
 
 class Ended(NamedTuple):
-    """Where a search ended, whether it converged there, the number of its steps, and the cost."""
+    """Where a search ended, whether it converged there, the number of its steps, cost and J^T J."""
 
     x: Array
     converged: Flag
     steps: Count
     cost: Scalar
+    matrix: Float[Array, "p p"]
 
 
 def run_search(search: Search, options: dict[str, Any], max_steps: int) -> Ended:
@@ -104,10 +110,10 @@ class _Lane(NamedTuple):
         """What comes of a search."""
         search = self.whole(leaves)
         x = jnp.clip(y, search.lower, search.upper)
-        return Ended(x, state.converged & ~state.failed, steps, state.cost)
+        return Ended(x, state.converged & ~state.failed, steps, state.cost, state.matrix)
 
     def _arguments(self, search: Search) -> tuple[Any, Array, Any, dict[str, Any]]:
-        bounds = {"lower": search.lower, "upper": search.upper}
+        bounds = {"lower": search.lower, "upper": search.upper, "beat": search.beat}
         residual = lambda x, problem: (problem.residual(x), None)  # noqa: E731
         return residual, search.start, search.problem, self.options | bounds
 

@@ -6,19 +6,29 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optimistix as optx
 from jaxtyping import Array
 
-from .._arrays import Count, Flag, still
+from .._arrays import Count, Flag, Scalar, still
 from .._compilation import quick_compilation
 from ._individual_lags import curvature, in_order, means_of_equal, retract
 from ._lanes import Search, run_search
 from ._problem import Problem
-from ._solver import BoundedLevenbergMarquardt, free_parameters, solve_positive
+from ._solver import BoundedLevenbergMarquardt, damped_step, free_parameters, solve_positive
 
 
 CELLS = 5
 """Intervals between samples in which a dead time is sought, around a first estimate."""
+
+NEAREST = sorted(range(CELLS), key=lambda cell: (abs(cell - CELLS // 2), cell))
+"""Their order: most of the outer ones need but one look where the best is found early."""
+
+STRAIGHT = 0.2
+"""How far other coordinates, most of them logarithms, go along a valley before that may bend."""
+
+TIE = 1e-9
+"""Relative difference of costs that is rounding."""
 
 SWEEPS = 4
 """How often these intervals are moved on, at most: times may lie in clusters."""
@@ -58,7 +68,7 @@ def optimum(problem: Problem, start: Array, solver, max_steps: int) -> Optimum:
 
 def _anywhere(problem: Problem, start: Array, solver, max_steps, wanted) -> tuple[Optimum, Array]:
     """The optimum from a start, and its cost."""
-    return _solve(problem, start, *problem.bounds(), solver, max_steps, wanted)
+    return _solve(problem, start, *problem.bounds(), solver, max_steps, wanted)[:2]
 
 
 def _from_two_starts(
@@ -86,11 +96,15 @@ def _from_two_starts(
 
 
 class _Sweep(NamedTuple):
-    """Searches between samples so far: where they are centred, the best, the cell it lies in."""
+    """Searches between samples so far: where they are centred, the best, the cell it lies in.
+
+    `matrix`: J^T J of the best.
+    """
 
     centre: Array
     best: Optimum
     cost: Array
+    matrix: Array
     cell: Count
     steps: Count
     goes_on: Flag
@@ -108,43 +122,62 @@ def _between_samples(
     loose = jnp.maximum(LOOSE, solver.rtol)
 
     def search(so_far: _Sweep, number: Count) -> tuple[_Sweep, None]:
-        first, cell = number < 0, number % CELLS
-        again = (number > 0) & (cell == 0)
+        first, cell = number < 0, jnp.asarray(NEAREST)[number % CELLS]
+        again = (number > 0) & (number % CELLS == 0)
         on_the_edge = (so_far.cell == 0) | (so_far.cell == CELLS - 1)
         goes_on = so_far.goes_on & (~again | on_the_edge)
         centre = jnp.where(again, so_far.best.x, so_far.centre)
         left, right = _cell(problem, centre[place], upper[place], jnp.where(first, -1, cell))
         low, high = lower.at[place].set(left), upper.at[place].set(right)
         within = eqx.tree_at(lambda s: s.rtol, solver, jnp.where(first, loose, solver.rtol))
-        begin = jnp.clip(centre, low, high)
-        found, cost = _solve(problem, begin, low, high, within, max_steps, wanted & goes_on)
+        valley = _along_the_valley(so_far, place, low, high)
+        begin = jnp.clip(jnp.where(jnp.isinf(so_far.cost), centre, valley), low, high)
         # of equal costs the smaller dead time, although rounding may decide for another
-        better = ~first & goes_on & (cost < so_far.cost * (1 - 1e-9))
-        best, least, cell = jax.tree.map(
+        beat = so_far.cost * (1 + jnp.where(cell < so_far.cell, TIE, -TIE))
+        going = wanted & goes_on
+        found, cost, matrix = _solve(problem, begin, low, high, within, max_steps, going, beat)
+        better = ~first & goes_on & (cost < beat)
+        best, least, matrix, cell = jax.tree.map(
             lambda new, old: jnp.where(better, new, old),
-            (found, cost, cell),
-            (so_far.best, so_far.cost, jnp.where(again, -1, so_far.cell)),
+            (found, cost, matrix, cell),
+            (so_far.best, so_far.cost, so_far.matrix, jnp.where(again, -1, so_far.cell)),
         )
         steps = jnp.where(first, found.steps, so_far.steps)
         centre = jnp.where(first, found.x, centre)
-        return _Sweep(centre, best, least, cell, steps, goes_on), None
+        return _Sweep(centre, best, least, matrix, cell, steps, goes_on), None
 
     nothing = Optimum(start, jnp.array(False), jnp.array(0))
     infinite = jnp.array(jnp.inf, start.dtype)
-    none = _Sweep(start, nothing, infinite, jnp.array(-1), jnp.array(0), jnp.array(True))
+    no_matrix = jnp.eye(start.size, dtype=start.dtype)
+    none = _Sweep(start, nothing, infinite, no_matrix, jnp.array(-1), jnp.array(0), jnp.array(True))
     end, _ = jax.lax.scan(search, none, jnp.arange(-1, SWEEPS * CELLS))
     return end.best._replace(steps=end.steps + end.best.steps), end.cost
 
 
-def _solve(problem, start, lower, upper, solver, max_steps, wanted) -> tuple[Optimum, Array]:
-    """The optimum within bounds, and its cost; the start where it is not `wanted`."""
+def _along_the_valley(so_far: _Sweep, place: int, low: Array, high: Array) -> Array:
+    """The best so far with its dead time moved into bounds, and what goes along with that."""
+    x, matrix = so_far.best.x, so_far.matrix
+    move = jnp.clip(x[place], low[place], high[place]) - x[place]
+    free = (low < high).at[place].set(False)
+    along = damped_step(matrix, matrix[:, place] * move, free, jnp.zeros_like(move))
+    short = jnp.max(jnp.abs(along)) <= STRAIGHT
+    return jnp.where(short, (x + along).at[place].add(move), so_far.centre)
+
+
+def _solve(
+    problem, start, lower, upper, solver, max_steps, wanted, beat: Scalar | float = np.inf
+) -> tuple[Optimum, Array, Array]:
+    """The optimum within bounds, its cost and J^T J; the start where it is not `wanted`.
+
+    One that cannot get below the cost to `beat` need not be found.
+    """
     options = {"linearised": Problem.linearised}
     if problem.individual and start.size > 1:
         options |= {"curvature": curvature, "retract": retract}
     if isinstance(solver, BoundedLevenbergMarquardt):
-        search = Search(problem, start, lower, upper, solver, wanted)
-        x, converged, steps, cost = run_search(search, options, max_steps)
-        return Optimum(x, converged, steps), cost
+        search = Search(problem, start, lower, upper, solver, wanted, beat)
+        x, converged, steps, cost, matrix = run_search(search, options, max_steps)
+        return Optimum(x, converged, steps), cost, matrix
     solution = optx.least_squares(
         lambda x, problem: problem.residual(x),
         solver,
@@ -156,7 +189,8 @@ def _solve(problem, start, lower, upper, solver, max_steps, wanted) -> tuple[Opt
     )
     x = jnp.clip(jnp.stack(solution.value), lower, upper)
     converged = solution.result == optx.RESULTS.successful
-    return Optimum(x, converged, solution.stats["num_steps"]), jnp.zeros((), x.dtype)
+    nothing = jnp.zeros((), x.dtype), jnp.eye(x.size, dtype=x.dtype)  # which nobody asks for
+    return Optimum(x, converged, solution.stats["num_steps"]), *nothing
 
 
 def _cell(problem: Problem, delay: Array, longest: Array, cell: Count) -> tuple[Array, Array]:

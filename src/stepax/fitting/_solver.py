@@ -15,6 +15,12 @@ from .._arrays import Flag, Scalar
 REFUSED = 0.1
 """Least damping after a step that did not lower the cost: from below it would take many more."""
 
+DAMPED = 1e-3
+"""Damping of the first step."""
+
+HOPE = 30.0
+"""Times the decrease of the cost that a full step promises: what may be left of it at best."""
+
 
 class _State(eqx.Module):
     """Everything has the size of the parameters; nothing of the size of the data is carried."""
@@ -47,7 +53,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     eigenvalues then count as positive ones; `options["retract"]`, a function of (args, y, step),
     gives the end of a step on the curve that follows the valley, with the step as its tangent.
     `options["linearised"]`, a function of (args, y), gives residuals and a list of their
-    derivatives at once, where a caller can share work between them.
+    derivatives at once, where a caller can share work between them. `options["beat"]`: a cost that
+    the result is to get below; the search fails where that is out of reach.
 
     Parameters are a tuple of numbers, or a row of them. With a tuple, the derivative in one does
     not compute what depends on the others alone. Bounds come in `options`: `dict(lower=...,
@@ -70,7 +77,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             cost=number + jnp.inf,
             gradient=jnp.zeros_like(y),
             matrix=jnp.eye(y.size, dtype=y.dtype),
-            damping=number + 1e-3,
+            damping=number + DAMPED,
             growth=number + 2,
             converged=jnp.array(False),
             failed=jnp.array(False),
@@ -103,7 +110,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         matrix = jnp.where(better, normal, state.matrix)
 
         free = free_parameters(y, gradient, lower, upper)
-        full = _damped_step(matrix, gradient, free, jnp.zeros_like(damping))
+        full = damped_step(matrix, gradient, free, jnp.zeros_like(damping))
         candidate = _bounded_step(matrix, gradient, free, damping, y, lower, upper)
         move = candidate - y
         predicted = -(gradient @ move) - 0.5 * move @ matrix @ move
@@ -114,7 +121,11 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         decrease = jnp.where(better, state.cost - cost, jnp.inf)
         stalled = self._stalled(y, move, damping, predicted, cost, decrease)
         finite = jnp.isfinite(cost)
-        converged, failed = finite & (good | stalled), ~finite
+        # what the step within bounds promises, as long as none that failed has made it shorter
+        early = (damping <= DAMPED) & (predicted > 0)
+        promised = jnp.where(early, predicted, -0.5 * gradient @ full)
+        hopeless = cost - HOPE * promised > options.get("beat", jnp.inf)
+        converged, failed = finite & (good | stalled) & ~hopeless, ~finite | hopeless
         new_state = _State(
             candidate, predicted, cost, gradient, matrix, damping, growth, converged, failed
         )
@@ -229,14 +240,14 @@ def _positive(normal: Array, curvature: Array, varies: Array) -> Array:
 
 def _bounded_step(matrix, gradient, free, damping, y, lower, upper) -> Array:
     """Damped step with bounds: what would cross is set on its bound and the rest solved again."""
-    step = _damped_step(matrix, gradient, free, damping)
+    step = damped_step(matrix, gradient, free, damping)
     crosses = free & ((y + step < lower) | (y + step > upper))
     clipped = jnp.where(crosses, jnp.clip(y + step, lower, upper) - y, 0)
-    rest = _damped_step(matrix, gradient + matrix @ clipped, free & ~crosses, damping)
+    rest = damped_step(matrix, gradient + matrix @ clipped, free & ~crosses, damping)
     return jnp.clip(y + clipped + rest, lower, upper)
 
 
-def _damped_step(matrix, gradient, free, damping) -> Array:
+def damped_step(matrix, gradient, free, damping) -> Array:
     """Solution of (H + damping diag H) step = -gradient over the free parameters."""
     both = free[:, None] & free[None, :]
     diagonal = jnp.diagonal(matrix)

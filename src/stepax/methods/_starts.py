@@ -52,27 +52,37 @@ def first_order_start(record: StepRecord, fixed: Sequence[str]) -> FOPDT:
     T = 1.5 * (late - early)
     _, safe = usable_record(record)
     t, y = _some_rows(safe, FEW_ROWS)
-    # In the first row Smith's time constant, the last of whose dead times is his too.
+    # Smith's two come first: of equal ones they are kept.
     lags = jnp.append(T, safe.duration * jnp.asarray(LAGS, T.dtype))
-    latest = jnp.full_like(lags, late).at[0].set(late - T)
-    delays = jnp.outer(_delay(latest, fixed), jnp.asarray(WAITS, T.dtype))
+    waits = late * jnp.asarray(WAITS, T.dtype)
+    delays = _delay(jnp.append(late - T, waits), fixed)
     best = jnp.argmin(_first_order_errors(t, y, lags, delays))
-    delay = delays.ravel()[best]
-    return jax.lax.stop_gradient(FOPDT(T=lags[best // WAITS.size], delay=delay))
+    return jax.lax.stop_gradient(
+        FOPDT(T=lags[best // delays.size], delay=delays[best % delays.size])
+    )
 
 
 def _first_order_errors(t: Array, y: Array, lags: Array, delays: Array) -> Array:
-    """Squared errors with the best gain and offset, less what all have in common.
+    r"""Squared errors with the best gain and offset, less what all have in common: a row a lag.
 
-    `delays`: a row a lag. One exponential serves all dead times of a lag: exp(L/T) exp(-t/T).
+    The response is $1 - c e$ with $e = e^{(m - t)/T}$ and $c = e^{(L - m)/T}$ for $t > L$. So its
+    sums, with its square and with y, are made of those of 1, y, e, e^2 and ye over the rows after
+    each dead time: one matrix product. y has a mean of 0.
     """
-    t, y = t[None, None, :], y[None, None, :]
-    decay = jnp.exp(-jnp.maximum(t, 0) / lags[:, None, None])
-    shift = jnp.exp(delays / lags[:, None])
-    g = 1 - shift[:, :, None] * decay
-    g = jnp.where(t > delays[:, :, None], g, 0)
-    square = jnp.sum(g * g, axis=-1) - jnp.sum(g, axis=-1) ** 2 / t.size
-    return -(jnp.sum(g * y, axis=-1) ** 2) / jnp.where(square > 0, square, jnp.inf)
+    middle = jnp.max(delays) / 2  # so that neither e nor c overflows in float32
+    after = jnp.where(t[None] > delays[:, None], 1, jnp.zeros_like(y))
+    count, sum_y = jnp.stack([jnp.ones_like(y), y]) @ after.T
+
+    def of_lag(lag: Scalar) -> Array:
+        """Lag after lag: those of a batch together would not stay in the cache."""
+        e = jnp.exp((middle - jnp.maximum(t, 0)) / lag)
+        sum_e, sum_ee, sum_ye = jnp.stack([e, e * e, y * e]) @ after.T
+        c = jnp.exp((delays - middle) / lag)
+        sum_g, product = count - c * sum_e, sum_y - c * sum_ye
+        square = count - 2 * c * sum_e + c * c * sum_ee - sum_g**2 / t.size
+        return -(product**2) / jnp.where(square > 0, square, jnp.inf)
+
+    return jax.lax.map(of_lag, lags)
 
 
 def second_order_start(record: StepRecord, fixed: Sequence[str]) -> SOPDT:
