@@ -65,8 +65,8 @@ def _merging(together: Batch, batched: tuple[bool, ...], size: int) -> Callable[
     return call
 
 
-def in_groups(function: Callable[..., Any]) -> Callable[..., Any]:
-    """`function`, which works through a batch group by group.
+def in_groups(function: Callable[..., Any], most: int = GROUP) -> Callable[..., Any]:
+    """`function`, which works through a batch group by group, each of `most` lanes at most.
 
     So memory does not grow with all that is computed on the way. Differentiated, it is `function`
     itself: then a batch is one.
@@ -84,7 +84,7 @@ def in_groups(function: Callable[..., Any]) -> Callable[..., Any]:
             return arrays
 
         def together(leaves: list[Array], batched: tuple[bool, ...], size: int) -> Any:
-            return _group_by_group(alone, leaves, batched, size)
+            return _group_by_group(alone, leaves, batched, size, most)
 
         def derivative(primals: Any, tangents: Any) -> Any:
             found, moves = eqx.filter_jvp(alone, primals, tangents)
@@ -108,13 +108,17 @@ def _in_every_lane(results: Any, arguments: Any) -> Any:
 
 
 def _group_by_group(
-    alone: Callable[[list[Array]], Any], leaves: list[Array], batched: tuple[bool, ...], size: int
+    alone: Callable[[list[Array]], Any],
+    leaves: list[Array],
+    batched: tuple[bool, ...],
+    size: int,
+    most: int,
 ) -> Any:
     each = jax.vmap(alone, in_axes=(axes_of(batched),))
     # a GPU is fast on many lanes at once
-    if size <= GROUP or jax.default_backend() != "cpu":
+    if size <= most or jax.default_backend() != "cpu":
         return each(leaves)
-    groups = -(-size // GROUP)
+    groups = -(-size // most)
     length = -(-size // groups)
 
     def group(number: Array) -> Any:

@@ -1,7 +1,7 @@
 r"""How certain a least-squares fit is: covariance, autocorrelation, verdict."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -11,18 +11,23 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._arrays import Count, Samples, Scalar, nan_where, safe_sqrt
+from .._arrays import Count, Samples, Scalar, computed_once, nan_where, safe_sqrt
+from .._batches import in_groups
 from .._orthonormal import orthonormal
 from .._result import Identification
 from .._status import Status, first_problem, refused
 from ..models._abstract import COMMON, ScalarParameter
 from ..records._abstract import AbstractRecord
 from ..records._preprocess import quantisation
-from ..records._record import predict
+from ..records._record import moved_beside, predict
 from ._beside import Beside
 from ._fitted import Fitted
 from ._problem import Problem
 from ._solver import derivatives
+
+
+SAMPLES_AT_ONCE = 16384
+"""Of all lanes whose errors are computed together: their Jacobians stay in the cache of a core."""
 
 
 def student_95(freedom: Scalar) -> Scalar:
@@ -66,12 +71,33 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
     gain, whose 95 % interval reaches 0, and for r if it covers half of its range or more. Unless
     it is the bound alone, the status is `not_identifiable`.
     """
-    problem, model = fitted.problem.with_found(result.details), result.model
-    free = problem.free_scalars
+    lanes = max(1, SAMPLES_AT_ONCE // fitted.problem.record.t.size)
+    found = in_groups(_certainty, lanes)(fitted, result.model, result.status, result.details)
+    return dataclasses.replace(
+        result,
+        status=first_problem(found.verdict, result.status),
+        std=found.std,
+        covariance=found.covariance,
+        details=result.details | found.details,
+    )
+
+
+class _Certainty(NamedTuple):
+    """What `with_errors` adds to a result."""
+
+    verdict: Status
+    std: dict[str, Array]
+    covariance: Float[Array, "p p"]
+    details: dict[str, Array]
+
+
+def _certainty(fitted: Fitted, model, status: Status, details: dict[str, Array]) -> _Certainty:
+    problem = fitted.problem.with_found(details)
+    free, at_bound = problem.free_scalars, details["at_bound"]
     root, residual = _residual(problem, model)
     phi = _autocorrelation(residual, problem.record.count, len(free))
     quantum = quantisation(problem.record.y, problem.record.count)
-    details = result.details | {
+    details = {
         "residual_autocorrelation": phi,
         "residuals_correlated": phi > 0,
         "quantisation": quantum,
@@ -79,32 +105,26 @@ def with_errors(fitted: Fitted, result: Identification) -> Identification:
         "identifiable": jnp.ones(0, bool),
     }
     if not free:
+        nothing = jnp.zeros((0, 0), residual.dtype)
         std = _by_name(problem, model, (), residual[:0])
-        return dataclasses.replace(result, std=std, details=details)
+        return _Certainty(Status.successful, std, nothing, details)
     values = jnp.stack([_value(model, s).astype(residual.dtype) for s in free])
     found = _beside_a_kink(
-        problem,
-        values,
-        partial(_covariance, problem, model, root, residual, phi, result.details["at_bound"]),
+        problem, values, partial(_covariance, problem, model, root, residual, phi, at_bound)
     )
-    covariance = nan_where(refused(result.status), found.matrix)
+    covariance = nan_where(refused(status), found.matrix)
     errors = safe_sqrt(jnp.diagonal(covariance))
     # Of correlated residuals N (1 - phi^2)/(1 + phi^2) rows tell their size (Bartlett 1946).
     freedom = found.freedom * (1 - phi**2) / (1 + phi**2)
     halves = student_95(freedom) * errors
-    vague = found.lost | _vague(problem, free, values, halves, refused(result.status))
+    vague = found.lost | _vague(problem, free, values, halves, refused(status))
     vague = vague | _traded(problem, free, model.delay)
     vague = ~(found.at_bound | found.absent) & vague
-    verdict = Status.where(jnp.any(vague), Status.not_identifiable, Status.successful)
     bounded = found.at_bound & np.array([s.name not in COMMON for s in free])
     details["identifiable"] = ~vague & ~bounded
-    return dataclasses.replace(
-        result,
-        status=first_problem(verdict, result.status),
-        std=_by_name(problem, model, free, errors),
-        covariance=covariance,
-        details=details | {"effective_parameters": found.effective, "degrees_of_freedom": freedom},
-    )
+    details |= {"effective_parameters": found.effective, "degrees_of_freedom": freedom}
+    verdict = Status.where(jnp.any(vague), Status.not_identifiable, Status.successful)
+    return _Certainty(verdict, _by_name(problem, model, free, errors), covariance, details)
 
 
 def with_record(result: Identification, record: AbstractRecord) -> Identification:
@@ -169,18 +189,37 @@ def _value(model, scalar: ScalarParameter) -> Array:
     return value if scalar.place is None else value[scalar.place]
 
 
-def _prediction(problem: Problem, model, free: tuple[ScalarParameter, ...], numbers) -> Samples:
-    """Output of the model with other numbers for its free parameters."""
-    new = {name: getattr(model, name) for name in dict.fromkeys(s.name for s in free)}
-    for scalar, x in zip(free, numbers, strict=True):
+def _with_numbers(model, scalars: Sequence[ScalarParameter], numbers):
+    """The model with other numbers for some of its parameters."""
+    new = {name: getattr(model, name) for name in dict.fromkeys(s.name for s in scalars)}
+    for scalar, x in zip(scalars, numbers, strict=True):
         row = new[scalar.name]
         new[scalar.name] = x if scalar.place is None else row.at[scalar.place].set(x)
-    plant = eqx.tree_at(lambda m: [getattr(m, name) for name in new], model, list(new.values()))
-    final = problem.known_levels.final
-    if final is not None:
-        offset = final - problem.record.input_size * plant.gain
-        plant = eqx.tree_at(lambda m: m.offset, plant, offset)
-    return predict(plant, problem.record)
+    return eqx.tree_at(lambda m: [getattr(m, name) for name in new], model, list(new.values()))
+
+
+def _moves(problem: Problem, model, free: tuple[ScalarParameter, ...]) -> Float[Array, "p samples"]:
+    """How the prediction moves with each free parameter, a row each."""
+    own = [scalar for scalar in free if scalar.name not in COMMON]
+    changes = []
+    for name, place in own:
+        value = getattr(model, name)
+        one = jnp.ones_like(value) if place is None else jnp.zeros_like(value).at[place].set(1)
+        changes.append({name: one})
+    record = problem.record
+    g, by_delay, _, moved = record.response_slopes(model, changes)
+    size, tied = record.input_size, problem.known_levels.final is not None
+    moves = {
+        "delay": size * model.gain * by_delay,
+        "gain": size * (g - 1 if tied else g),
+        "offset": jnp.ones_like(g),
+    }
+    moves |= {s.label: size * model.gain * move for s, move in zip(own, moved, strict=True)}
+    if record.found_beside is not None and own:
+        values = jnp.stack([_value(model, scalar) for scalar in own])
+        beside = derivatives(lambda *x: moved_beside(_with_numbers(model, own, x), record), values)
+        moves |= {s.label: moves[s.label] + row for s, row in zip(own, beside, strict=True)}
+    return jnp.stack([moves[scalar.label] for scalar in free])
 
 
 class _Covariance(NamedTuple):
@@ -232,7 +271,7 @@ def _covariance(problem, model, root, residual, phi, at_bound, values) -> _Covar
     absent = in_a_row & (values == 0) & ~at_bound
     frozen = absent | _frozen(in_a_row, values, at_bound)
     last = jnp.argsort(frozen)  # a column of zeros before others would take a row from them
-    jacobian = derivatives(lambda *x: root * _prediction(problem, model, free, x), values)
+    jacobian = root[None] * _moves(problem, _with_numbers(model, free, values), free)
     beside = _beside(problem, model, root)
     jacobian = jacobian - (jacobian @ beside.T) @ beside
     if problem.prior is not None:
@@ -242,6 +281,7 @@ def _covariance(problem, model, root, residual, phi, at_bound, values) -> _Covar
     least = 64 * float(jnp.finfo(jacobian.dtype).eps)
     q, c, own = orthonormal(list(jacobian), 1.0, least)
     lost = ~own
+    q = jnp.stack(computed_once(*q))
     rows, known = q.T[: root.size], q.T[root.size :]
     coloured = _correlated(rows, phi)
     effective = jnp.trace(coloured) + jnp.trace(_correlated(beside.T, phi))
@@ -334,8 +374,11 @@ def _correlated(q: Array, phi: Scalar) -> Array:
     """q^T R q for R_ij = phi^|i-j|: the lower half of R by one pass, the upper one is the same."""
 
     def decay(carry, row):
-        carry = phi * carry + row
-        return carry, carry
+        before, lower = carry
+        before = phi * before + row
+        return (before, lower + jnp.outer(row, before)), None
 
-    lower = q.T @ jax.lax.scan(decay, jnp.zeros(q.shape[1], q.dtype), q)[1]
+    size = q.shape[1]
+    nothing = jnp.zeros(size, q.dtype), jnp.zeros((size, size), q.dtype)
+    (_, lower), _ = jax.lax.scan(decay, nothing, q)
     return lower + lower.T - q.T @ q

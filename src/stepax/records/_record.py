@@ -323,8 +323,10 @@ def predict(model: AbstractPlant, record: AbstractRecord, t: Any = None) -> Samp
 def scaled(model: AbstractPlant, record: AbstractRecord, response: Samples, t: Any = None):
     """The same for a response that is known already."""
     output = model.offset + record.input_size * model.gain * response
-    if record.found_beside is None:
-        return output
-    return output + sum(
-        x * column for x, column in zip(record.found_beside, record.beside(model, t), strict=True)
-    )
+    return output if record.found_beside is None else output + moved_beside(model, record, t)
+
+
+def moved_beside(model: AbstractPlant, record: AbstractRecord, t: Any = None) -> Any:
+    """What was found to move the output beside the input."""
+    found = record.found_beside
+    return sum(x * column for x, column in zip(found, record.beside(model, t), strict=True))
