@@ -18,6 +18,7 @@ from ._state import (
     dragged,
     example,
     glanced,
+    glimpsed,
     methods_of,
     offered,
     read,
@@ -89,14 +90,22 @@ class Page:
         self._begin()
 
     def _begin(self, **options: Any) -> None:
-        """Read the file offered: first what the fits find, then all that was chosen."""
+        """Read the file offered: first what some fits find, then all fits, then all chosen."""
         state = self.state
 
-        def done(found: State) -> None:
+        def begun(found: State) -> None:
             self._show(found)
-            self._work(partial(compared, progress=self._progress))
+            first = self.shown
 
-        self._run(lambda: glanced(read(state, **options)), done)
+            def fitted(found: State) -> None:
+                if self.shown == first:  # no person has chosen others by now
+                    self.shown = ()
+                self._show(found)
+                self._work(partial(compared, progress=self._progress))
+
+            self._run(lambda: glanced(found), fitted)
+
+        self._run(lambda: glimpsed(read(state, **options)), begun)
 
     def _upload(self) -> None:
         file = self.widgets.file

@@ -7,14 +7,25 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from ._state import MOST_BYTES, State, compared, example, glanced, methods_of, offered, read
+from ._state import (
+    MOST_BYTES,
+    State,
+    compared,
+    example,
+    glanced,
+    glimpsed,
+    methods_of,
+    offered,
+    read,
+)
 
 
 MOST_MESSAGE = MOST_BYTES * 4 // 3 + 1_000_000
 """Bytes of one message from a page: a file of `MOST_BYTES` in base 64, and what is around it."""
 
 WARM = (
-    ("quick look", False, glanced), ("quick look", False, compared), ("quick look", True, glanced),
+    ("quick look", False, glimpsed), ("quick look", False, glanced),
+    ("quick look", False, compared), ("quick look", True, glanced),
     ("quick look", True, compared), ("all", False, compared), ("all", True, compared),
 )  # fmt: skip
 """What is compiled beforehand, in this order: groups, whether with known levels, and how much.

@@ -6,7 +6,7 @@ state or raises with a sentence; then the old state stands, and nothing is lost.
 
 import dataclasses
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -33,6 +33,9 @@ GROUPS = ("quick look", "all", "first order", "second order", "n-th order", "fit
 
 QUICK_LOOK = (*AUTO, "viteckova_1", "latzel")
 """Fits that `identify` chooses from, and two classical methods."""
+
+SOONEST = ("fopdt_fit", "sopdt_fit")
+"""Fits that a new process has compiled soonest: they are shown first."""
 
 READ_TOGETHER = tuple(name for name in METHODS if name not in FITS | SCANS)
 """Methods that are always run, whatever is shown: one program serves every choice of them."""
@@ -228,12 +231,22 @@ def untouched(state: State) -> State:
 # Comparing
 
 
+def glimpsed(state: State) -> State:
+    """Of the fits chosen those that a new process answers soonest, or `glanced`."""
+    return _with_fits(state, SOONEST) or glanced(state)
+
+
 def glanced(state: State) -> State:
-    """The fits alone: of a new process they are compiled soonest. None were chosen: all methods."""
-    fits = [name for name in state.methods if name in FITS]
-    if state.record is None or not fits:
-        return compared(state)
-    return dataclasses.replace(state, comparison=compare(state.record, fits))
+    """The fits chosen: compiled sooner than all. None were chosen: all methods."""
+    return _with_fits(state, FITS) or compared(state)
+
+
+def _with_fits(state: State, names: Iterable[str]) -> State | None:
+    """Those methods that are both chosen and among names; None where there is nothing to do."""
+    chosen = [name for name in state.methods if name in names]
+    if state.record is None or not chosen:
+        return None
+    return dataclasses.replace(state, comparison=compare(state.record, chosen))
 
 
 def compared(state: State, progress: Callable[[int, int], object] | None = None) -> State:
