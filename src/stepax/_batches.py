@@ -55,7 +55,8 @@ def _merging(together: Batch, batched: tuple[bool, ...], size: int) -> Callable[
                 return x
             x = x if outer else x[None]
             x = x if inner else x[:, None]
-            return jnp.broadcast_to(x, (more, size, *x.shape[2:])).reshape(-1, *x.shape[2:])
+            x = jnp.broadcast_to(x, (more, size, *x.shape[2:]))
+            return x.reshape(more * size, *x.shape[2:])
 
         leaves = [merged(*each) for each in zip(leaves, batched, outer[0], strict=True)]
         either = tuple(a or b for a, b in zip(batched, outer[0], strict=True))
@@ -102,7 +103,7 @@ def _in_every_lane(results: Any, arguments: Any) -> Any:
 
     A rule for derivatives must give what the function gives, in which all results have lanes.
     """
-    one = [jnp.ravel(x)[0] for x in jax.tree.leaves(arguments)]
+    one = [jnp.ravel(x)[0] for x in jax.tree.leaves(arguments) if x.size]
     lanes = jnp.all(jnp.stack([x == x for x in one]))
     return jax.tree.map(lambda x: jnp.where(lanes, x, x), results)
 
@@ -126,7 +127,7 @@ def _group_by_group(
         return each([x[lanes] if own else x for x, own in zip(leaves, batched, strict=True)])
 
     found = jax.lax.map(group, jnp.arange(groups))
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:])[:size], found)
+    return jax.tree.map(lambda x: x.reshape(groups * length, *x.shape[2:])[:size], found)
 
 
 def over_devices(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from stepax import StepRecord, identify
+from stepax import FOPDT, StepRecord, identify, refine
 from stepax.fitting._certainty import SAMPLES_AT_ONCE
 
 
@@ -68,3 +68,20 @@ def test_a_batch_in_groups_is_one_by_one(batch):
     for i in (0, 1, 267, 268, 350, COUNT - 1):
         for ours, expected in zip(found, one(y[i]), strict=True):
             np.testing.assert_allclose(ours[i], expected, rtol=1e-8, atol=1e-12)
+
+
+def test_nothing_to_find_in_a_batch_in_groups_and_derived():
+    """Neither coordinates nor, with known levels, anything: arrays without elements."""
+    y = records()[:300]
+
+    def found(y, **levels):
+        record = StepRecord(T, y, **levels)
+        result = refine(record, FOPDT(T=4.0, delay=1.2), fixed=("T", "delay"))
+        return result.model.gain, result.std["gain"], result.rmse
+
+    gain, _, _ = jax.jit(jax.vmap(found))(y)
+    slope = jax.grad(lambda y: found(y)[0])(y[0])
+    moved = found(y[0] + 1e-3 * np.eye(T.size)[30])[0]
+    np.testing.assert_allclose(slope[30], (moved - gain[0]) / 1e-3, rtol=1e-6)
+    _, std, rmse = jax.jit(jax.vmap(lambda y: found(y, initial=1.0, final=3.0)))(y)
+    assert np.all(np.asarray(std) == 0) and np.all(np.isfinite(rmse))

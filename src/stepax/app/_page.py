@@ -2,7 +2,7 @@
 
 import base64
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from html import escape
 from typing import Any
@@ -17,8 +17,7 @@ from ._state import (
     compared,
     dragged,
     example,
-    glanced,
-    glimpsed,
+    glances,
     methods_of,
     offered,
     read,
@@ -93,19 +92,27 @@ class Page:
         """Read the file offered: first what some fits find, then all fits, then all chosen."""
         state = self.state
 
-        def begun(found: State) -> None:
+        def done(found: State) -> None:
             self._show(found)
-            first = self.shown
+            self._look_closer(glances(state)[1:])
 
-            def fitted(found: State) -> None:
-                if self.shown == first:  # no person has chosen others by now
-                    self.shown = ()
-                self._show(found)
-                self._work(partial(compared, progress=self._progress))
+        first = glances(state)[0]
+        self._run(lambda: first(read(state, **options)), done)
 
-            self._run(lambda: glanced(found), fitted)
+    def _look_closer(self, looks: Sequence[Callable[[State], State]]) -> None:
+        """One look after the other, each of which finds more; then all that was chosen."""
+        if not looks:
+            self._work(partial(compared, progress=self._progress))
+            return
+        state, first = self.state, self.shown
 
-        self._run(lambda: glimpsed(read(state, **options)), begun)
+        def done(found: State) -> None:
+            if self.shown == first:  # no person has chosen others by now
+                self.shown = ()
+            self._show(dataclasses.replace(found, methods=self.state.methods))
+            self._look_closer(looks[1:])
+
+        self._run(lambda: looks[0](state), done)
 
     def _upload(self) -> None:
         file = self.widgets.file

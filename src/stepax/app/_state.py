@@ -6,7 +6,7 @@ state or raises with a sentence; then the old state stands, and nothing is lost.
 
 import dataclasses
 import io
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -232,20 +232,27 @@ def untouched(state: State) -> State:
 
 
 def glimpsed(state: State) -> State:
-    """Of the fits chosen those that a new process answers soonest, or `glanced`."""
-    return _with_fits(state, SOONEST) or glanced(state)
+    """Of the fits chosen those that a new process answers soonest."""
+    return _with_methods(state, set(state.methods) & set(SOONEST))
 
 
 def glanced(state: State) -> State:
-    """The fits chosen: compiled sooner than all. None were chosen: all methods."""
-    return _with_fits(state, FITS) or compared(state)
+    """The fits chosen: compiled sooner than all."""
+    return _with_methods(state, set(state.methods) & FITS)
 
 
-def _with_fits(state: State, names: Iterable[str]) -> State | None:
-    """Those methods that are both chosen and among names; None where there is nothing to do."""
-    chosen = [name for name in state.methods if name in names]
-    if state.record is None or not chosen:
-        return None
+def glances(state: State) -> list[Callable[[State], State]]:
+    """What to look at first, each finding more than the one before; without fits all at once."""
+    soon, fits = set(state.methods) & set(SOONEST), set(state.methods) & FITS
+    first = [glimpsed] if soon and soon != fits else []
+    return [*first, glanced] if fits else [compared]
+
+
+def _with_methods(state: State, names: set[str]) -> State:
+    """The comparison of some methods."""
+    if state.record is None:
+        return state
+    chosen = [name for name in METHODS if name in names]
     return dataclasses.replace(state, comparison=compare(state.record, chosen))
 
 

@@ -28,7 +28,7 @@ STRAIGHT = 0.2
 """How far other coordinates, most of them logarithms, go along a valley before that may bend."""
 
 TIE = 1e-9
-"""Relative difference of costs that is rounding."""
+"""Relative difference of costs that is rounding, or 4 eps where that is more."""
 
 SWEEPS = 4
 """How often these intervals are moved on, at most: times may lie in clusters."""
@@ -120,6 +120,7 @@ def _between_samples(
     lower, upper = problem.bounds()
     place = problem.delay_place
     loose = jnp.maximum(LOOSE, solver.rtol)
+    tie = max(TIE, 4 * float(jnp.finfo(start.dtype).eps))
 
     def search(so_far: _Sweep, number: Count) -> tuple[_Sweep, None]:
         first, cell = number < 0, jnp.asarray(NEAREST)[number % CELLS]
@@ -133,7 +134,7 @@ def _between_samples(
         valley = _along_the_valley(so_far, place, low, high)
         begin = jnp.clip(jnp.where(jnp.isinf(so_far.cost), centre, valley), low, high)
         # of equal costs the smaller dead time, although rounding may decide for another
-        beat = so_far.cost * (1 + jnp.where(cell < so_far.cell, TIE, -TIE))
+        beat = so_far.cost * (1 + jnp.where(cell < so_far.cell, tie, -tie))
         going = wanted & goes_on
         found, cost, matrix = _solve(problem, begin, low, high, within, max_steps, going, beat)
         better = ~first & goes_on & (cost < beat)

@@ -1,5 +1,6 @@
 """Where the least-squares fits start: a model from a few features of the record."""
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -69,18 +70,21 @@ def _first_order_errors(t: Array, y: Array, lags: Array, delays: Array) -> Array
     sums, with its square and with y, are made of those of 1, y, e, e^2 and ye over the rows after
     each dead time: one matrix product. y has a mean of 0.
     """
-    middle = jnp.max(delays) / 2  # so that neither e nor c overflows in float32
+    # What is meant to be subtracted must not be rounded to ten bits, as accelerators do.
+    times = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
+    middle = jnp.max(delays) / 2  # so that of these lags neither e nor c overflows in float32
     after = jnp.where(t[None] > delays[:, None], 1, jnp.zeros_like(y))
-    count, sum_y = jnp.stack([jnp.ones_like(y), y]) @ after.T
+    count, sum_y = times(jnp.stack([jnp.ones_like(y), y]), after.T)
 
     def of_lag(lag: Scalar) -> Array:
         """Lag after lag: those of a batch together would not stay in the cache."""
         e = jnp.exp((middle - jnp.maximum(t, 0)) / lag)
-        sum_e, sum_ee, sum_ye = jnp.stack([e, e * e, y * e]) @ after.T
+        sum_e, sum_ee, sum_ye = times(jnp.stack([e, e * e, y * e]), after.T)
         c = jnp.exp((delays - middle) / lag)
         sum_g, product = count - c * sum_e, sum_y - c * sum_ye
         square = count - 2 * c * sum_e + c * c * sum_ee - sum_g**2 / t.size
-        return -(product**2) / jnp.where(square > 0, square, jnp.inf)
+        errors = -(product**2) / jnp.where(square > 0, square, jnp.inf)
+        return jnp.where(jnp.isnan(errors), 0, errors)  # of a lag far below the dead times
 
     return jax.lax.map(of_lag, lags)
 
