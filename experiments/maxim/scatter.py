@@ -9,7 +9,7 @@ import pandas as pd
 from experiments.drawing import new_figure, quiet
 from experiments.jakoubek.outcome import Outcome
 from experiments.maxim.batch import identified
-from experiments.maxim.drawing import LOOKS
+from experiments.maxim.drawing import LOOKS, legend_below
 from experiments.maxim.noise import at_level
 from experiments.maxim.plants import EXAMPLES, Plant, mode
 from stepax import METHODS, StepRecord
@@ -48,13 +48,26 @@ def run() -> Outcome:
                 rows.append((name, method, *row))
         column[1].plot(t, clean, color="#151515", linewidth=0.8)
         column[0].set(title=f"{name}, {100 * LEVEL:.0f} % noise", xlabel="zeta", ylabel="omega_n")
+        _without_the_farthest(column[0], rows[-len(SHOWN) * SEQUENCES :])
         column[1].set(xlabel="time", ylabel="response")
         _error_over_delay(column[2], plant, t, clean, y[0])
-    panels[0, 0].legend(frameon=False, markerscale=5)
+    panels[0, 0].legend(frameon=False, markerscale=5, loc="lower right")
     panels[1, 0].legend(frameon=False)
+    legend_below(figure, panels[2, 0])
     quiet(panels.flat)
     columns = ["plant", "method", "gain", "zeta", "omega_n", "delay", "MSE"]
     return Outcome(pd.DataFrame(rows, columns=columns), figure)
+
+
+def _without_the_farthest(axes, rows):
+    """Axes that show what lies near: a few fits run off to a damping of 200, one lag."""
+    points = np.array([row[3:5] for row in rows])
+    points = points[np.isfinite(points).all(axis=1)]
+    low, high = np.percentile(points, (0.5, 99.5), axis=0)
+    low, high = low - 0.15 * (high - low), high + 0.15 * (high - low)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    beyond = np.sum(np.any((points < low) | (points > high), axis=1))
+    axes.text(0.02, 0.95, f"{beyond} beyond", transform=axes.transAxes, color="0.4")
 
 
 @functools.cache
@@ -79,4 +92,3 @@ def _error_over_delay(axes, plant, t, clean, y):
                 axes.plot(delays, found**2, color=color, linestyle=line, label=label)
     axes.axvline(plant.delay, color="0.6", linewidth=0.8)
     axes.set(xlabel="dead time", ylabel="squared error, mean", yscale="log")
-    axes.legend(frameon=False)
