@@ -90,13 +90,14 @@ class Page:
 
     def _begin(self, **options: Any) -> None:
         """Read the file offered: first what some fits find, then all fits, then all chosen."""
-        state = self.state
+        state, all_chosen = self.state, partial(compared, progress=self._progress)
+        first, *others = glances(state) or [all_chosen]
 
         def done(found: State) -> None:
             self._show(found)
-            self._look_closer(glances(state)[1:])
+            if first is not all_chosen:
+                self._look_closer(others)
 
-        first = glances(state)[0]
         self._run(lambda: first(read(state, **options)), done)
 
     def _look_closer(self, looks: Sequence[Callable[[State], State]]) -> None:

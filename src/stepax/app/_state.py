@@ -242,18 +242,18 @@ def glanced(state: State) -> State:
 
 
 def glances(state: State) -> list[Callable[[State], State]]:
-    """What to look at first, each finding more than the one before; without fits all at once."""
+    """What to look at before all that was chosen, each finding more than the one before."""
     soon, fits = set(state.methods) & set(SOONEST), set(state.methods) & FITS
     first = [glimpsed] if soon and soon != fits else []
-    return [*first, glanced] if fits else [compared]
+    return [*first, glanced] if fits else []
 
 
 def _with_methods(state: State, names: set[str]) -> State:
     """The comparison of some methods."""
-    if state.record is None:
-        return state
+    record = state.record
+    assert record is not None
     chosen = [name for name in METHODS if name in names]
-    return dataclasses.replace(state, comparison=compare(state.record, chosen))
+    return dataclasses.replace(state, comparison=compare(record, chosen))
 
 
 def compared(state: State, progress: Callable[[int, int], object] | None = None) -> State:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._arrays import Count, Samples, Scalar, computed_once, nan_where, safe_sqrt
+from .._arrays import Count, Samples, Scalar, nan_where, safe_sqrt
 from .._batches import in_groups
 from .._orthonormal import orthonormal
 from .._result import Identification
@@ -281,7 +281,6 @@ def _covariance(problem, model, root, residual, phi, at_bound, values) -> _Covar
     least = 64 * float(jnp.finfo(jacobian.dtype).eps)
     q, c, own = orthonormal(list(jacobian), 1.0, least)
     lost = ~own
-    q = jnp.stack(computed_once(*q))
     rows, known = q.T[: root.size], q.T[root.size :]
     coloured = _correlated(rows, phi)
     effective = jnp.trace(coloured) + jnp.trace(_correlated(beside.T, phi))

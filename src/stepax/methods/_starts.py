@@ -1,6 +1,5 @@
 """Where the least-squares fits start: a model from a few features of the record."""
 
-import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,6 +12,7 @@ from scipy import special
 
 from .._arrays import Scalar
 from ..models._plants import FOPDT, IPDT, SOPDT, SOPDTZero
+from ..models._sampled import times
 from ..models._spread import chain_with_spread
 from ..records._characterise import levels
 from ..records._preprocess import moving_mean, sliding_average
@@ -70,8 +70,6 @@ def _first_order_errors(t: Array, y: Array, lags: Array, delays: Array) -> Array
     sums, with its square and with y, are made of those of 1, y, e, e^2 and ye over the rows after
     each dead time: one matrix product. y has a mean of 0.
     """
-    # What is meant to be subtracted must not be rounded to ten bits, as accelerators do.
-    times = functools.partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
     middle = jnp.max(delays) / 2  # so that of these lags neither e nor c overflows in float32
     after = jnp.where(t[None] > delays[:, None], 1, jnp.zeros_like(y))
     count, sum_y = times(jnp.stack([jnp.ones_like(y), y]), after.T)
@@ -113,12 +111,12 @@ def chain_start(model: Any, record: StepRecord, n: Array, fixed: Sequence[str]) 
     early, late = _start_times(record)
     orders = np.arange(9)
     effective = np.maximum(1.0, 0.6 * orders)
-    times = jnp.asarray(
+    passed = jnp.asarray(
         [special.gammaincinv(effective, q) / effective for q in START_LEVELS], early.dtype
     )[:, n]
-    residence = (late - early) / (times[1] - times[0])
-    delay = _delay(late - residence * times[1], fixed)
-    residence = (late - delay) / times[1]
+    residence = (late - early) / (passed[1] - passed[0])
+    delay = _delay(late - residence * passed[1], fixed)
+    residence = (late - delay) / passed[1]
     chain = chain_with_spread(model, jnp.log(jnp.asarray(0.6, early.dtype)), n)
     return eqx.tree_at(lambda m: (m.T, m.delay), chain, (chain.T * residence, delay))
 
