@@ -327,6 +327,6 @@ def scaled(model: AbstractPlant, record: AbstractRecord, response: Samples, t: A
 
 
 def moved_beside(model: AbstractPlant, record: AbstractRecord, t: Any = None) -> Any:
-    """What was found to move the output beside the input."""
-    found = record.found_beside
+    """What was found to move the output beside the input; 0 where nothing was sought."""
+    found = () if record.found_beside is None else record.found_beside
     return sum(x * column for x, column in zip(found, record.beside(model, t), strict=True))
