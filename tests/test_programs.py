@@ -9,6 +9,7 @@ import pytest
 
 from stepax import FOPDT, METHODS, StepRecord, _programs
 from stepax._compilation import compiled, quick_compilation
+from stepax._programs import Shelf, Signature, program
 
 
 TRACED = []
@@ -96,3 +97,36 @@ def test_equal_objects_have_one_name():
     """Of two equal tuples and of one tuple twice, as they come from a file and from tracing."""
     one, other = tuple("ab"), tuple("ab")
     assert one is not other and _programs._pickled((one, one)) == _programs._pickled((one, other))
+
+
+def test_a_shelf_forgets_what_was_not_used_for_the_longest_time():
+    TRACED.clear()
+    shelf, model = Shelf(2), FOPDT(T=3.0)
+
+    def call(power: int):
+        arguments = (model, jnp.asarray(2.0)), {"power": power}
+        made = shelf.program(power, lambda: program(scaled, Signature(arguments), {}))
+        return made(*arguments[0], **arguments[1])[0].T
+
+    assert [float(call(power)) for power in (1, 2, 1, 3)] == [6.0, 18.0, 6.0, 54.0]
+    assert TRACED == [1, 2, 3]
+    call(1)
+    assert TRACED == [1, 2, 3]
+    call(2)
+    assert TRACED == [1, 2, 3, 2]
+
+
+def test_a_forgotten_program_frees_its_memory_maps():
+    def maps() -> int:
+        with open("/proc/self/maps") as file:
+            return sum(1 for _ in file)
+
+    before = maps()
+    t = np.linspace(0, 10, 40)
+    record = StepRecord(t, 1 - np.exp(-t))
+    made = program(METHODS["strejc"].__wrapped__, Signature(((record,), {})), {})
+    result = made(record)
+    taken = maps() - before
+    assert not bool(jnp.isnan(result.rmse)) and taken > 10
+    made.forget()
+    assert maps() - before < 0.2 * taken

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax.core import Tracer
 
-from ._programs import Signature, cache_folder, kept_program
+from ._programs import Program, Shelf, Signature, cache_folder, kept_program, program
 
 
 LOOPED = jax.make_user_context(False)
@@ -24,6 +24,26 @@ QUICK: dict[str, Any] = {
 }
 if jax.__version_info__[:2] == (0, 10):  # an XLA that does not know an option refuses to compile
     QUICK["xla_cpu_use_fusion_emitters"] = False
+    # Passes that cost a tenth of compiling and save nothing in running programs that are used a few
+    # times. The first makes two loops of every sum; without it there are half as many loops, each
+    # of which is a memory map.
+    QUICK["xla_disable_hlo_passes"] = ",".join(
+        (
+            "tree_reduction_rewriter",
+            "simplify-while-loops",
+            "while-loop-invariant-code-motion",
+            "while-loop-constant-sinking",
+            "simplify-conditional",
+            "reshape-mover",
+            "dynamic-dimension-simplifier",
+            "post_scatter_expansion_simplification",
+        )
+    )
+
+PROGRAMS = Shelf(128)
+"""What was compiled quickly: comparisons of six lengths, or `identify` for fifteen.
+
+Each program takes some 170 memory maps, of which Linux gives 65 530, and 20 MB."""
 
 
 CONTEXTS: dict[str, Callable[[Any], AbstractContextManager]] = {
@@ -56,24 +76,20 @@ def compiled(function: Callable[..., Any], effort: int = 0) -> Callable[..., Any
     """
     full = eqx.filter_jit(function)
     options = QUICK | {"xla_backend_optimization_level": effort}
-    quick = eqx.filter_jit(function, compiler_options=options)  # pyright: ignore[reportCallIssue]
-    programs: dict[Any, Any] = {}
-
-    def program(arguments: Any) -> Callable[..., Any]:
-        """What was kept of the function for such arguments, else the function itself."""
-        folder, settings = cache_folder(), contexts()
-        if folder is None or settings["disable_jit"]:
-            return quick
-        key = Signature(arguments), folder, tuple(settings.values())
-        if key not in programs:
-            programs[key] = kept_program(function, *key, options) or quick
-        return programs[key]
 
     @functools.wraps(function)
     def run(*args: Any, **kwargs: Any) -> Any:
-        if not LOOPED.value or is_traced((args, kwargs)):
+        settings = contexts()
+        if not LOOPED.value or settings["disable_jit"] or is_traced((args, kwargs)):
             return full(*args, **kwargs)
-        return program((args, kwargs))(*args, **kwargs)
+        signature, folder = Signature((args, kwargs)), cache_folder()
+        state = tuple(settings.values())
+
+        def make() -> Program:
+            kept = folder and kept_program(function, signature, folder, state, options)
+            return kept or program(function, signature, options)
+
+        return PROGRAMS.program((run, signature, folder, state), make)(*args, **kwargs)
 
     return run
 

@@ -1,4 +1,7 @@
-"""Programs as JAX traced them, kept between processes beside what it compiled.
+"""Functions compiled for arguments of one form: how many are held, and what is kept of them.
+
+A process that meets records of ever other lengths would hold more and more of them, until Linux
+refuses another memory map; a `Shelf` forgets those that were not used for the longest time.
 
 JAX's persistent cache spares a new process the compilation, not the tracing, which for a comparison
 takes seconds of Python. Where that cache has a folder, what is compiled quickly is exported
@@ -12,7 +15,9 @@ import os
 import pickle
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -84,16 +89,65 @@ def cache_folder() -> Path | None:
     return Path(name) / "stepax"
 
 
+class Program:
+    """A function, compiled for arguments of one signature when it is called first.
+
+    `call` takes and gives arrays alone; `results` holds, as soon as it was traced, their form and
+    what else the function returns.
+    """
+
+    def __init__(self, call: Any, results: list[tuple[Any, Any]]):
+        self._call, self._results = call, results
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        found = self._call(*jax.tree.leaves(eqx.filter((args, kwargs), eqx.is_array)))
+        form, rest = self._results[-1]
+        return eqx.combine(jax.tree.unflatten(jax.tree.structure(form), found), rest)
+
+    def forget(self) -> None:
+        """Free its memory; called again, it is compiled again."""
+        self._call.clear_cache()
+
+
+class Shelf:
+    """The programs of a process, at most `most`: the ones used last."""
+
+    def __init__(self, most: int):
+        self._most = most
+        self._programs: OrderedDict[Hashable, Program] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def program(self, key: Hashable, make: Callable[[], Program]) -> Program:
+        """The program of a key, made where there is none."""
+        # making may mean tracing, which others need not wait for
+        made = None if key in self._programs else make()
+        with self._lock:
+            found = self._programs.get(key) or made or make()
+            self._programs[key] = found
+            self._programs.move_to_end(key)
+            excess = max(len(self._programs) - self._most, 0)
+            forgotten = [self._programs.popitem(last=False)[1] for _ in range(excess)]
+        for old in forgotten:
+            old.forget()
+        return found
+
+
+def program(function: Callable[..., Any], signature: Signature, options: dict[str, Any]) -> Program:
+    """`function` for all arguments of a signature. `options`: of the compiler."""
+    call, results = _of_arrays(function, signature)
+    return Program(jax.jit(call, compiler_options=options), results)
+
+
 def kept_program(
     function: Callable[..., Any],
     signature: Signature,
     folder: Path,
     settings: tuple[Any, ...],
     options: dict[str, Any],
-) -> Callable[..., Any] | None:
-    """`function` for all arguments of a signature, read, or traced and written; None if it cannot.
+) -> Program | None:
+    """The same, read, or traced and written; None if it cannot.
 
-    `settings`: what else a program depends on. `options`: of the compiler.
+    `settings`: what else a program depends on.
     """
     if "<" in function.__qualname__:  # a function within a function, of which there may be many
         return None
@@ -107,13 +161,7 @@ def kept_program(
         call = jax.jit(export.deserialize(bytearray(traced.program)).call, compiler_options=options)
     except NOT_KEPT:
         return None
-    form = jax.tree.structure(traced.form)
-
-    def run(*args: Any, **kwargs: Any) -> Any:
-        leaves = jax.tree.leaves(eqx.filter((args, kwargs), eqx.is_array))
-        return eqx.combine(jax.tree.unflatten(form, call(*leaves)), traced.rest)
-
-    return run
+    return Program(call, [(traced.form, traced.rest)])
 
 
 @functools.cache
@@ -126,18 +174,26 @@ def versions() -> tuple[str, ...]:
     return sys.version, *libraries, jax.default_backend(), repr(files)
 
 
-def _trace(function: Callable[..., Any], signature: Signature) -> _Traced:
+def _of_arrays(
+    function: Callable[..., Any], signature: Signature
+) -> tuple[Callable[..., list[Any]], list[tuple[Any, Any]]]:
+    """`function` of arrays alone; and a list, of what it returns beside them once it is traced."""
     results = []
 
-    def run(*leaves: Any) -> list[Any]:
+    def call(*leaves: Any) -> list[Any]:
         args, kwargs = signature.arguments(leaves)
         arrays, rest = eqx.partition(function(*args, **kwargs), eqx.is_array)
         found, form = jax.tree.flatten(arrays)
-        results.append((jax.tree.unflatten(form, range(len(found))), rest))
+        results[:] = [(jax.tree.unflatten(form, range(len(found))), rest)]
         return found
 
-    program = export.export(jax.jit(run))(*signature.types).serialize()
-    return _Traced(bytes(program), *results[-1])
+    return call, results
+
+
+def _trace(function: Callable[..., Any], signature: Signature) -> _Traced:
+    call, results = _of_arrays(function, signature)
+    text = export.export(jax.jit(call))(*signature.types).serialize()
+    return _Traced(bytes(text), *results[-1])
 
 
 def _read(path: Path) -> _Traced | None:

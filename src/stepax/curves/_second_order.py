@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._arrays import Scalar, safe_sqrt
-from ..models._responses import second_order_response
+from ..models._responses import second_order_response, second_order_slopes
 from ._roots import increasing_root
 
 
@@ -60,10 +60,13 @@ def level_times(levels: tuple[float, ...], shape: Scalar) -> Float[Array, " leve
     shares = np.array(levels)
     target = jnp.asarray(np.log(shares / (1 - shares)), shape.dtype)
     eps = jnp.finfo(shape.dtype).eps
+    zeta, omega_n = damping(shape)
+    no_lead = jnp.zeros_like(shape)
 
     def logit(log_x):
         x = jnp.exp(log_x)
-        g, slope = jax.jvp(lambda x: unit_response(x, shape), (x,), (x,))
+        g, slope, _ = second_order_slopes(x, zeta, omega_n, no_lead, [])
+        slope = slope * x
         between = (g > eps) & (g < 1 - eps)
         g = jnp.clip(g, eps, 1 - eps)
         return jnp.log(g / (1 - g)) - target, jnp.where(between, slope / (g * (1 - g)), 0)
@@ -80,6 +83,7 @@ def _level_times_jvp(levels, primals, tangents):
     """Implicit function theorem: the response stays at its level."""
     (shape,), (shape_dot,) = primals, tangents
     x = level_times(levels, shape)
-    _, by_time = jax.jvp(lambda x: unit_response(x, shape), (x,), (jnp.ones_like(x),))
-    _, by_shape = jax.jvp(lambda s: unit_response(x, s), (shape,), (jnp.ones_like(shape),))
-    return x, -by_shape / by_time * shape_dot
+    (zeta, omega_n), changes = jax.jvp(damping, (shape,), (jnp.ones_like(shape),))
+    no_lead = jnp.zeros_like(shape)
+    found = second_order_slopes(x, zeta, omega_n, no_lead, [(*changes, no_lead)])
+    return x, -found.changes[0] / found.in_time * shape_dot

@@ -330,18 +330,18 @@ def _second_order_parts(tau: Array, zeta: Scalar) -> tuple[Array, Array, Array]:
     fall = jnp.exp(-slow)
 
     small = jnp.where(near, q, jnp.zeros_like(q))
-    c, s, d = jnp.ones_like(q), jnp.ones_like(q), jnp.ones_like(q)
-    for k in range(9, 0, -1):  # 1/20! < 1e-18
-        c = 1 + small / ((2 * k - 1) * (2 * k)) * c
-        s = 1 + small / ((2 * k) * (2 * k + 1)) * s
-        d = 1 + small / ((2 * k) * (2 * k + 3)) * d
+    c = s = d = jnp.zeros_like(q)
+    for k in range(9, -1, -1):  # 1/20! < 1e-18
+        c = 1 / math.factorial(2 * k) + small * c
+        s = 1 / math.factorial(2 * k + 1) + small * s
+        d = (2 * k + 2) / math.factorial(2 * k + 3) + small * d
     away = jnp.where(near, 1, m)
     rest = jnp.exp(-fast)
     # each ends in a division: see `computed_once`
     one = jnp.where(near, 1, tau) / jnp.where(near, 1, tau)
     c = jnp.where(near, fall * c, jnp.where(over, (fall + rest) / 2, fall * jnp.cos(away))) / one
     s = jnp.where(near, fall * s, jnp.where(over, (fall - rest) / 2, fall * jnp.sin(away))) / away
-    d = jnp.where(near, fall * d / 3, c - s) / jnp.where(near, 1, q)
+    d = jnp.where(near, fall * d, c - s) / jnp.where(near, 1, q)
     return c, s, d
 
 
