@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._arrays import Count, Samples, Scalar, as_real
-from ._preprocess import estimate_levels, lagrange_weights, loess
+from ._preprocess import estimate_levels, loess
 from ._record import StepRecord, compact
 
 
@@ -102,15 +102,34 @@ def cubic_at(
     """
     first_row = jnp.minimum(jnp.argmax(t >= 0), count - 4)
     start = jnp.clip(row - 1, first_row, count - 4)
-    nodes = [t[start + k] for k in range(4)]
-    values = [y[start + k] for k in range(4)]
+    polynomial = Polynomial.through(t, y, start, 4)
+    return lambda x: polynomial.derivatives(x, 0)[0]
 
-    def value(x):
-        weights = lagrange_weights(nodes, x)
-        first, *others = (w * v for w, v in zip(weights, values, strict=True))
-        return sum(others, first)
 
-    return value
+class Polynomial(NamedTuple):
+    """Newton's form of the polynomial through some samples: divided differences at nodes."""
+
+    nodes: list[Array]
+    differences: list[Array]
+
+    @classmethod
+    def through(cls, t: Samples, y: Samples, start: Array, size: int) -> "Polynomial":
+        """That through `size` samples from a row on, or of each of many rows."""
+        place = start[..., None] + np.arange(size).reshape(*[1] * start.ndim, size)
+        nodes, values = ([x[place][..., k] for k in range(size)] for x in (t, y))
+        for order in range(1, size):
+            for k in range(size - 1, order - 1, -1):
+                values[k] = (values[k] - values[k - 1]) / (nodes[k] - nodes[k - order])
+        return cls(nodes, values)
+
+    def derivatives(self, x: Array, highest: int) -> list[Array]:
+        """Value, slope, ... up to the derivative `highest` at `x`, by Horner's rule."""
+        found = [self.differences[-1]] + [jnp.zeros_like(x)] * highest
+        for node, difference in zip(self.nodes[-2::-1], self.differences[-2::-1], strict=True):
+            for k in range(highest, 0, -1):
+                found[k] = found[k] * (x - node) + k * found[k - 1]
+            found[0] = found[0] * (x - node) + difference
+        return found
 
 
 def _interpolate(t: Samples, y: Samples, row: Array, level: Scalar, count: Count | int) -> Scalar:
@@ -118,13 +137,10 @@ def _interpolate(t: Samples, y: Samples, row: Array, level: Scalar, count: Count
     low, high = t[row], t[row + 1]
     cubic = cubic_at(t, y, row, count)
 
-    def distance(x):
-        return cubic(x) - level
-
     def narrow(_, bracket):
         low, high = bracket
         middle = 0.5 * (low + high)
-        below = distance(middle) < 0
+        below = cubic(middle) < level
         return jnp.where(below, middle, low), jnp.where(below, high, middle)
 
     bits = jnp.finfo(t.dtype).nmant
@@ -132,8 +148,8 @@ def _interpolate(t: Samples, y: Samples, row: Array, level: Scalar, count: Count
     x = 0.5 * (low + high)
 
     def newton(_, x):
-        value, slope = jax.jvp(distance, (x,), (jnp.ones_like(x),))
-        return x - value / jnp.where(slope > 0, slope, 1)
+        value, slope = jax.jvp(cubic, (x,), (jnp.ones_like(x),))
+        return x - (value - level) / jnp.where(slope > 0, slope, 1)
 
     # from half the digits to all, and the derivative of the result
     return jax.lax.fori_loop(0, 2, newton, x)
@@ -180,43 +196,21 @@ def tangent(record: StepRecord, span: float | Scalar | None = None) -> Tangent:
     first_row = jnp.minimum(jnp.argmax(record.after_step), count - 5)
     starts = jnp.clip(rows - 2, first_row, count - 5)
 
-    def slope_at(row):
-        return _quartic(t, y, starts[row], t[row])[1]
-
-    slopes = jax.vmap(slope_at)(rows)
+    slopes = Polynomial.through(t, y, starts, 5).derivatives(t, 1)[1]
     row = jnp.argmax(jnp.where(record.after_step, direction * slopes, -jnp.inf))
-
-    def curvature(x):
-        return _quartic(t, y, starts[row], x)[2]
-
+    quartic = Polynomial.through(t, y, starts[row], 5)
     x = t[row]
     reach = 0.5 * (t[starts[row] + 4] - t[starts[row]])
 
     def newton(_, x):
-        value, change = jax.jvp(curvature, (x,), (jnp.ones_like(x),))
+        _, _, value, change = quartic.derivatives(x, 3)
         move = value / jnp.where(change * direction < 0, change, jnp.inf)
         return jnp.clip(x - move, jnp.maximum(t[row] - reach, t[starts[row]]), t[row] + reach)
 
     x = jax.lax.fori_loop(0, 4, newton, x)
-    y_i, slope, _ = _quartic(t, y, starts[row], x)
+    y_i, slope = quartic.derivatives(x, 1)
     slope = jnp.where(direction * slope > 0, slope, jnp.nan)
     return Tangent(x - y_i / slope, (final - initial) / slope, x, y_i + initial, slope)
-
-
-def _quartic(t: Samples, y: Samples, start: Array, x: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Value, slope and curvature at `x` of the quartic through five samples."""
-    nodes = [t[start + k] for k in range(5)]
-    values = [y[start + k] for k in range(5)]
-
-    def value(x):
-        weights = jnp.stack(lagrange_weights(nodes, x))
-        return weights @ jnp.stack(values)
-
-    def slope(x):
-        return jax.jvp(value, (x,), (jnp.ones_like(x),))[1]
-
-    curvature = jax.jvp(slope, (x,), (jnp.ones_like(x),))[1]
-    return value(x), slope(x), curvature
 
 
 def integrals(
@@ -232,9 +226,12 @@ def integrals(
     last = end if upper is None else jnp.clip(upper, 0, end)
     cubic = cubic_at(t, y, jnp.arange(t.shape[0] - 1), safe.count)
     a, b = jnp.clip(t[:-1], 0, last), jnp.clip(t[1:], 0, last)
-    totals = [jnp.zeros_like(last)] * len(powers)
-    for node, weight in zip(*np.polynomial.legendre.leggauss(3), strict=True):
-        x = a + (b - a) * (0.5 + 0.5 * float(node))
-        part = 0.5 * float(weight) * (b - a) * (1 - cubic(x))
-        totals = [sum_ + jnp.sum(part * x**k) for sum_, k in zip(totals, powers, strict=True)]
-    return jnp.stack(totals)
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+
+    def parts(share: Scalar, weight: Scalar) -> Array:
+        x = a + (b - a) * share
+        part = weight * (b - a) * (1 - cubic(x))
+        return jnp.stack([jnp.sum(part * x**k) for k in powers])
+
+    halves = (jnp.asarray(x / 2, t.dtype) for x in (1 + nodes, weights))
+    return jnp.sum(jax.vmap(parts)(*halves), axis=0)
