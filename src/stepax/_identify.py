@@ -21,12 +21,11 @@ from .fitting._refine import concluded
 from .methods import METHODS
 from .methods._fits import AUTO, CHAINS, WITH_REASON, FitOptions
 from .methods._method import option_names, prepared
-from .models._abstract import AbstractPlant
 from .records._abstract import AbstractRecord
 from .records._glitches import MOST, are_glitches, outliers, spikes
 from .records._input import InputRecord
 from .records._preprocess import quantisation, window_of
-from .records._record import StepRecord, compact, padded_record, predict, with_weights
+from .records._record import StepRecord, padded_record, rows_that_count, with_weights
 from .records._signs import Signs, signs
 from .records._thin import thinned
 
@@ -305,16 +304,14 @@ def aicc_of(result: Identification, order_found: bool) -> float:
         value = float(result.details["aicc"])
     else:
         found = parameter_count(result, order_found)
+        count = rows_that_count(result.record).t.size
         with quick_compilation():
-            value = float(_aicc(result.model, filled_record(result.record), jnp.asarray(found)))
+            arguments = result.details["square"], np.asarray(count), np.asarray(found)
+            value = float(_aicc(*arguments))
     return np.inf if bool(refused(result.status)) or np.isnan(value) else value
 
 
-@compiled
-def _aicc(model: AbstractPlant, record: AbstractRecord, parameters: Count) -> Scalar:
-    record = compact(record)
-    residual = jnp.where(record.present, record.y - predict(model, record), 0)
-    return aicc(jnp.sum(residual**2), record.count, parameters)
+_aicc = compiled(aicc)
 
 
 def parameter_count(result: Identification, order_found: bool) -> int:

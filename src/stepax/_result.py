@@ -1,9 +1,11 @@
 """What every method returns: a status, and an identified model with its quality."""
 
+import dataclasses
 import json
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,6 +16,7 @@ from jaxtyping import Array
 from ._arrays import Samples, Scalar, nan_where, safe_sqrt
 from ._compilation import is_traced
 from ._notes import in_python, notes_of
+from ._programs import Signature
 from ._status import Status, refused, status_name
 from .models._abstract import AbstractPlant
 from .models._notation import number, transfer_function, transfer_function_text
@@ -69,6 +72,7 @@ DETAILS = {
     "period": "period of the oscillation",
     "lobes": "extrema of the integral signal that count, two a period",
     "oscillatory": "whether the oscillatory branch was taken",
+    "square": "sum of the squared errors over all rows, those before the step too",
     # of a fit
     "steps": "iterations of the solver",
     "at_bound": "which parameters of `free` ended on a bound",
@@ -195,6 +199,15 @@ class Identification(eqx.Module):
         return plot_model(self.record, model, title=title or _title(self), size=size)
 
 
+class Quality(NamedTuple):
+    """How well a model describes a record: `square`, the sum of the squared errors, in all rows."""
+
+    rmse: Scalar
+    J: Scalar
+    fit_percent: Scalar
+    square: Scalar
+
+
 def conclude(
     record: AbstractRecord,
     model: AbstractPlant,
@@ -203,36 +216,71 @@ def conclude(
     response: Samples | None = None,
     free: tuple[str, ...] = (),
     details: dict[str, Array] | None = None,
+    judge: bool = True,
 ) -> Identification:
     """Result of a method: errors over the rows from the step on, NaN where the status refuses.
 
     `response` is that of the model for gain 1 and offset 0 at the times of the record, where it is
-    known already.
+    known already. `judge=False`: without errors, for `judged`.
     """
     model = nan_where(refused(status), model)
-    used = compact(record)
-    rows = used.after_step
-    if response is None:
-        prediction = predict(model, used)
-    else:
-        prediction = scaled(model, used, response)
-    residual = jnp.where(rows, used.y - prediction, 0)
-    count = jnp.sum(rows)
-    mean = jnp.sum(jnp.where(rows, used.y, 0)) / count
-    spread = jnp.sum(jnp.where(rows, used.y - mean, 0) ** 2)
-    square = residual**2
-    interval = jnp.where(rows[:-1] & rows[1:], jnp.diff(used.t), 0)
-    return Identification(
+    unknown = jnp.full((), jnp.nan, record.y.dtype)
+    result = Identification(
         model=model,
         status=status,
-        rmse=safe_sqrt(jnp.sum(square) / count),
-        J=jnp.sum(interval * (square[:-1] + square[1:]) / 2),
-        fit_percent=100 * (1 - safe_sqrt(jnp.sum(square) / spread)),
-        std=dict.fromkeys(model.parameter_names, jnp.full((), jnp.nan, residual.dtype)),
-        covariance=jnp.full((len(free), len(free)), jnp.nan, residual.dtype),
+        rmse=unknown,
+        J=unknown,
+        fit_percent=unknown,
+        std=dict.fromkeys(model.parameter_names, unknown),
+        covariance=jnp.full((len(free), len(free)), jnp.nan, record.y.dtype),
         free=free,
         details={} if details is None else details,
         record=record,
+    )
+    return _with(_quality(compact(record), model, response), result) if judge else result
+
+
+def judged(record: AbstractRecord, results: Sequence[Identification]) -> list[Identification]:
+    """Results of one record, with the errors of those that have none yet.
+
+    Models of one class are one batch: their response is traced and compiled once.
+    """
+    used, done = compact(record), list(results)
+    alike: dict[Signature, list[int]] = {}
+    for place, result in enumerate(results):
+        if "square" not in result.details:
+            alike.setdefault(Signature(result.model), []).append(place)
+    for form, places in alike.items():
+        models = [eqx.filter(results[place].model, eqx.is_array) for place in places]
+        batch = [jnp.stack(leaves) for leaves in zip(*map(jax.tree.leaves, models), strict=True)]
+        found = jax.vmap(lambda *x, form=form: _quality(used, form.arguments(x)))(*batch)
+        for k, place in enumerate(places):
+            done[place] = _with(Quality(*(x[k] for x in found)), results[place])
+    return done
+
+
+def _with(quality: Quality, result: Identification) -> Identification:
+    rmse, J, fit_percent, square = quality
+    details = result.details | {"square": square}
+    return dataclasses.replace(result, rmse=rmse, J=J, fit_percent=fit_percent, details=details)
+
+
+def _quality(used: AbstractRecord, model: AbstractPlant, response: Samples | None = None):
+    """Of a compact record."""
+    known = response is not None
+    prediction = scaled(model, used, response) if known else predict(model, used)
+    error = jnp.where(used.present, used.y - prediction, 0)
+    rows = used.after_step
+    count = jnp.sum(rows)
+    mean = jnp.sum(jnp.where(rows, used.y, 0)) / count
+    spread = jnp.sum(jnp.where(rows, used.y - mean, 0) ** 2)
+    square = jnp.where(rows, error, 0) ** 2
+    interval = jnp.where(rows[:-1] & rows[1:], jnp.diff(used.t), 0)
+    return Quality(
+        rmse=safe_sqrt(jnp.sum(square) / count),
+        J=jnp.sum(interval * (square[:-1] + square[1:]) / 2),
+        fit_percent=100 * (1 - safe_sqrt(jnp.sum(square) / spread)),
+        square=jnp.sum(error**2),
     )
 
 

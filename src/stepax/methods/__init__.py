@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._compilation import compiled
-from .._result import Identification
+from .._result import Identification, judged
 from ..curves._times import LEVELS
 from ..models._abstract import AbstractPlant
 from ..models._plants import FOPDT, IPDT, SOPDT, EqualLag, Hudzovic, PTn, Sani, SOPDTZero
@@ -151,7 +151,8 @@ def read_by_all(
     plain = {method.__name__: method for method in _ROWS}
     levels = [level for name in names for level in ROWS[name].levels]
     with shared_readings(record, levels if by_hand is None else ALL_LEVELS, by_hand):
-        return [plain[name](record) for name in names]
+        results = [plain[name](record) for name in names]
+    return judged(record, results)
 
 
 def as_by_hand(marks: Mapping[str, float], dtype: Any) -> ByHand:

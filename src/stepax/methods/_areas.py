@@ -21,6 +21,7 @@ from .._status import Status
 from ..curves._second_order import lags_of
 from ..models._plants import FOPDT, EqualLag, PTn
 from ..models._responses import MAX_REAL_ORDER
+from ..records._characterise import integrals
 from ..records._record import StepRecord
 from ._reading import Delay, Reading, Span, end_status, own_delay
 
@@ -35,7 +36,7 @@ class Moments(NamedTuple):
 
 def _moments(reading: Reading) -> Moments:
     """Moments, or harmless ones where they are not positive (`invalid_moments`)."""
-    mean, m2, m3 = np.arange(1, 4) * reading.areas((0, 1, 2))
+    mean, m2, m3 = np.arange(1, 4) * reading.areas()
     variance = m2 - mean**2
     third = m3 - 3 * mean * m2 + 2 * mean**3
     positive = (mean > reading.delay) & (variance > 0)
@@ -60,8 +61,8 @@ def area_fopdt(record: StepRecord, *, span: Span = None, delay: Delay = 0.0) -> 
     are NaN: the method has none.
     """
     reading = Reading(record, span, delay)
-    (whole,) = reading.areas((0,))
-    (rest,) = reading.areas((0,), whole)
+    whole, *_ = reading.areas()
+    (rest,) = integrals(reading.safe, (0,), whole)
     area = whole - rest
     positive = (whole > reading.delay) & (area > 0)
     status = Status.where(positive, Status.successful, Status.invalid_moments)

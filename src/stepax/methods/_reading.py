@@ -100,7 +100,7 @@ def shared_readings(
     """Within it, methods called with this very record read it once between them.
 
     For several methods in one trace: nothing is traced, compiled or computed twice. `by_hand`
-    takes the place of what they would read.
+    takes the place of what they would read. Results have no errors yet: `judged` gives them.
     """
     token = _SHARED.set(_Shared(record, levels, by_hand))
     try:
@@ -166,9 +166,12 @@ class Reading:
         line = line._replace(Tu=line.Tu - self.delay, t_inflection=line.t_inflection - self.delay)
         return Tangent(*(jnp.where(found, x, 1) for x in line))
 
-    def areas(self, powers: Sequence[int], upper: Scalar | None = None) -> Array:
-        """Integrals of t^k (1 - y) from the step on; a method says itself which it can use."""
-        return integrals(self.safe, powers, upper)
+    def areas(self) -> Array:
+        """Integrals of t^k (1 - y) from the step on, k = 0, 1, 2.
+
+        A method says itself which it can use.
+        """
+        return self.once("areas", lambda: integrals(self.safe, (0, 1, 2)))
 
     def once(self, what: str, read: Callable[[], Any]) -> Any:
         """What `read` gives, or what a method before has read: with default options alone."""
@@ -231,7 +234,9 @@ class Reading:
             lambda m: (m.gain, m.offset, m.delay), model, (gain, self.initial, delay)
         )
         details = nan_where(unread(status), details) | self.record.details
-        return conclude(self.record, model, status, response=response, details=details)
+        shared = _SHARED.get()
+        alone = shared is None or shared.record is not self.record or response is not None
+        return conclude(self.record, model, status, response=response, details=details, judge=alone)
 
 
 def _held(record: StepRecord, span: Span) -> tuple[Status, StepRecord]:

@@ -20,7 +20,7 @@ from jaxtyping import Array
 from scipy import special
 
 from .._arrays import Scalar
-from .._result import Identification
+from .._result import Identification, judged
 from ..models._plants import FOPDT, EqualLag
 from ..models._responses import MAX_ORDER
 from ..models._spread import check_orders
@@ -224,7 +224,8 @@ def viteckova(
     known = check_orders(orders, least=1)
     table = jnp.asarray([exact_constants(VITECKOVA_LEVELS, n) for n in known], early.dtype)
     choices = jnp.asarray(known)
-    best = _smallest(jax.vmap(lambda n, row: fit(n, row).J)(choices, table))
+    J = jax.vmap(lambda n, row: judged(record, [fit(n, row)])[0].J)
+    best = _smallest(J(choices, table))
     return fit(choices[best], table[best])
 
 
