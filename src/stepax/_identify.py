@@ -279,7 +279,7 @@ def _concluded(
     fitted: Fitted, record: AbstractRecord, errors: bool
 ) -> tuple[Identification, Samples]:
     """The result, and the residuals over the range, which cost nothing here."""
-    _, g = fitted.problem.plant(fitted.x)
+    _, g = fitted.problem.response(fitted.x)
     return concluded(fitted, record, errors), fitted.problem.errors(fitted.x, g)
 
 

@@ -148,11 +148,13 @@ MAX_STEPS = 40
 def _newton_levels(model, n, log_c, log_t):
     """lam by one Newton step on each level time."""
 
-    def response(log_c):
-        return chain_with_spread(model, log_c, n).unit_response(jnp.exp(log_t))
+    def parameters(log_c):
+        plant = chain_with_spread(model, log_c, n)
+        return {"T": plant.T, "r": plant.r}
 
-    _, slope_t = chain_with_spread(model, log_c, n).response_and_slope(jnp.exp(log_t))
-    g, slope_c = jax.jvp(response, (log_c,), (jnp.ones_like(log_c),))
+    own, change = jax.jvp(parameters, (log_c,), (jnp.ones_like(log_c),))
+    g, slope_t, (slope_c,) = model(**own, n=n).slopes(jnp.exp(log_t), [change])
+    slope_t = slope_t * jnp.exp(log_t)
     eps = jnp.finfo(g.dtype).eps
     g = jnp.clip(g, eps, 1 - eps)
     levels = np.array(LEVELS)

@@ -63,7 +63,7 @@ class Fitted(eqx.Module):
     @property
     def beside(self) -> bool:
         """Whether more than a response and its levels was found."""
-        return bool(self.problem.record.beside(self.problem.model))
+        return self.problem.record.seeks_beside
 
     @property
     def score(self) -> Scalar:
@@ -130,10 +130,13 @@ def fit(
 
 def _aicc(problem: Problem, x: Array, parameters: Array | int) -> Scalar:
     """AICc, in which a prior counts as the likelihood of its parameters."""
-    model, g = problem.plant(x)
+    _, g = problem.response(x)
     square = dataclasses.replace(problem, prior=None).loss(x, g) * problem.range**2
     value = aicc(square, jnp.sum(problem.counted), parameters)
-    return value if problem.prior is None else value + jnp.sum(problem.prior.distances(model) ** 2)
+    if problem.prior is None:
+        return value
+    model, _ = problem.plant(x)
+    return value + jnp.sum(problem.prior.distances(model) ** 2)
 
 
 def with_derivatives(fitted: Fitted) -> Fitted:

@@ -168,6 +168,8 @@ class Problem(eqx.Module):
 
     def _full(self, x: Coordinates) -> list[Array]:
         """All own coordinates, of which those at x are free."""
+        if self.own_free.all():
+            return [x[i] for i in range(self.own_free.size)]
         full = list(self.family.encode(self.record.duration).astype(self.record.t.dtype))
         for position, i in enumerate(np.flatnonzero(self.own_free)):
             full[i] = x[position]
@@ -202,6 +204,8 @@ class Problem(eqx.Module):
 
         None where there is nothing but the offset.
         """
+        if not self.record.seeks_beside:
+            return None
         columns = self.record.beside(self.shape(x))
         if not columns:
             return None
@@ -246,7 +250,7 @@ class Problem(eqx.Module):
         moves = dict(zip(others, moved, strict=True)) | dict.fromkeys(scaling, by_unit)
         if self.free_delay:
             moves[self.delay_place] = self.record.duration * by_delay
-        if self.threshold is None and not self.record.beside(plant):
+        if self.threshold is None and not self.record.seeks_beside:
             offset, amplitude = self.levels(x, g)
             residual = self.record.y - offset - amplitude * g
             rows = [moves[k] for k in range(x.size)]
@@ -268,9 +272,13 @@ class Problem(eqx.Module):
 
     def plant(self, x: Coordinates) -> tuple[AbstractPlant, Samples]:
         """The whole model at coordinates, what is known exactly as given; and its response g."""
-        shape = self.shape(x, exact=True)
-        g = self.record.response(shape)
+        shape, g = self.response(x)
         return self._scaled(shape, x, g), g
+
+    def response(self, x: Coordinates) -> tuple[AbstractPlant, Samples]:
+        """The plant at coordinates with gain 1 and offset 0, and its response g."""
+        shape = self.shape(x, exact=True)
+        return shape, self.record.response(shape)
 
     def _scaled(self, shape: AbstractPlant, x: Coordinates, g: Samples) -> AbstractPlant:
         """A plant of gain 1 and offset 0 with its levels."""

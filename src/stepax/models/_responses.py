@@ -33,13 +33,13 @@ def _after_start(t: Array) -> tuple[Array, Array]:
 
 
 def one_minus_multiple(k: int | np.ndarray | Array, r: Scalar) -> Array:
-    """`1 - k r` without the rounding error of `k r`, for a whole 0 <= k < 2^8.
+    """`1 - k r` without the rounding error of `k r`; k >= 0 whole, an array up to `MAX_ORDER`.
 
     Subtracts power-of-two multiples of r: near `k r = 1` each partial difference is exact
     (Sterbenz), so that Hudzovic's lags keep their digits up to the end of the range of r.
     """
     value = jnp.ones_like(r)
-    bits = 8 if isinstance(k, Array) else int(np.max(k)).bit_length()
+    bits = int(MAX_ORDER if isinstance(k, Array) else np.max(k)).bit_length()
     for bit in reversed(range(bits)):
         value = value - (k >> bit & 1) * (1 << bit) * r
     return value

@@ -137,6 +137,11 @@ class AbstractRecord(eqx.Module):
     def input_facts(self) -> dict[str, Any]:
         """Time and size of a `step`, which is None where the `input` is another; host code."""
 
+    @property
+    def seeks_beside(self) -> bool:
+        """Whether more than the response to the input is sought in the output."""
+        return False
+
     def beside(self, plant: AbstractPlant, t: Any = None) -> list[Samples]:
         """What moves the output beside the input, each times a number to be found."""
         del plant, t

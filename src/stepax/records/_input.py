@@ -272,6 +272,11 @@ class InputRecord(AbstractRecord):
 
         return jax.hessian(total)(plant.lags)
 
+    @property
+    def seeks_beside(self) -> bool:
+        """A drift, or a state other than rest."""
+        return self.drift or not self.at_rest
+
     def beside(self, plant: AbstractPlant, t: Any = None) -> list[Samples]:
         """Time since the first row, for a drift; the plant's own motions from another state."""
         elapsed = self.elapsed if t is None else t - self.start_time
