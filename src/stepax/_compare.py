@@ -217,7 +217,7 @@ def _results(
 
     with quick_compilation():  # what compiles longest begins
         readings = [partial(read, together) for together in (others, scans) if together]
-        tasks = [*readings, *(partial(fit, name) for name in reversed(alone))]
+        tasks = [*readings, *(partial(fit, name) for name in alone)]
         parts = side_by_side(tasks if progress is None else _told(tasks, progress))
     return {name: result for part in parts for name, result in part.items()}
 

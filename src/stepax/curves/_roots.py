@@ -79,7 +79,7 @@ def clamped_root(
     above 0 where the root lies below `lower`, the second below 0 where it lies above `upper`. A
     clamped root has derivative 0.
     """
-    low, high = function(lower), function(upper)
+    low, high = jax.vmap(function)(jnp.stack([lower, upper]))  # traced once for both
     inside = (low < 0) & (high > 0)
     middle = 0.5 * (lower + upper)
 

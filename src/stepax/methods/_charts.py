@@ -6,6 +6,7 @@ The charts are computed, not read: the curve of two lags of sum 1 over their sha
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
@@ -72,7 +73,8 @@ def two_lags(reading: Reading, chart: Chart, time: Scalar, start: Scalar, exact:
 
     shape, _, high = clamped_root(excess, equal_lags, one_lag)
     at, height = point(shape)
-    first, last = (unit_response(height_at, end) for end in (equal_lags, one_lag))
+    ends = jnp.stack([equal_lags, one_lag])
+    first, last = jax.vmap(lambda end: unit_response(height_at, end))(ends)
     status = end_status(
         (first - height, first - chart.lowest, Status.beyond_second_order),
         (height - last, chart.highest - last, Status.beyond_first_order),

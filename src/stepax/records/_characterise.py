@@ -31,6 +31,8 @@ class Tangent(NamedTuple):
 
 def levels(record: StepRecord) -> tuple[Scalar, Scalar]:
     """Initial and final level: those of the record where known, else estimated."""
+    if record.initial is not None and record.final is not None:
+        return record.initial, record.final
     initial, final = estimate_levels(record.t, record.y, record.step_time, record.count)
     return (
         initial if record.initial is None else record.initial,
