@@ -8,8 +8,9 @@ backward (slopes with respect to lags and input). The same linear equation is an
 - `diffrax`: `diffeqsolve` with Tsit5 at tolerances of 1e-8, the input held between samples;
 - `lsim`: `scipy.signal.lsim` in a loop over the plants (forward only).
 
-Medians over interleaved repetitions, one where that takes more than 5 s, compilation left out. Memory is what XLA says it needs beside
-arguments and results. `--million`: peak memory of a process that answers 10^6 samples in one call.
+Medians over interleaved repetitions, one where that takes more than 5 s, compilation left out.
+Memory is what XLA says it needs beside arguments and results. `--million`: peak memory of a process
+that answers 10^6 samples in one call.
 """
 
 import argparse
