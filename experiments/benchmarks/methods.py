@@ -18,6 +18,7 @@ Left out: compilation, which `compile` counts apart, and drawing the records.
 import argparse
 import functools
 import os
+import resource
 import time
 from concurrent.futures import ProcessPoolExecutor
 
@@ -28,6 +29,8 @@ from rich.table import Table
 
 
 NOISE, REPETITIONS, LOOPED = 0.02, 3, 400
+SLOW = 30.0
+"""Seconds from which a call is repeated once."""
 METHODS = ("fopdt_fit", "sopdt_fit", "hudzovic_fit", "sani_fit")
 ORDERS = range(2, 9)
 
@@ -155,7 +158,7 @@ def timed(call, *arguments) -> tuple[float, float, tuple]:
     start = time.perf_counter()
     result = jax.block_until_ready(call(*arguments))
     first, takes = time.perf_counter() - start, []
-    for _ in range(REPETITIONS):
+    for _ in range(REPETITIONS if first < SLOW else 1):
         start = time.perf_counter()
         result = jax.block_until_ready(call(*arguments))
         takes.append(time.perf_counter() - start)
@@ -238,6 +241,8 @@ def main() -> None:
     for row in rows:
         table.add_row(*row.values())
     Console(width=140).print(table)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+    print(f"peak memory of this process, records and all, in GiB: {peak:.1f}")
 
 
 if __name__ == "__main__":

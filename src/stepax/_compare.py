@@ -215,7 +215,7 @@ def _results(
     def fit(name: str) -> dict[str, Identification]:
         return {name: identify(record, name, all_rows=True)}
 
-    with quick_compilation():  # what compiles longest begins
+    with quick_compilation():  # in this order both cores end at about one time
         readings = [partial(read, together) for together in (others, scans) if together]
         tasks = [*readings, *(partial(fit, name) for name in alone)]
         parts = side_by_side(tasks if progress is None else _told(tasks, progress))

@@ -26,8 +26,8 @@ QUICK: dict[str, Any] = {
 if jax.__version_info__[:2] == (0, 10):  # an XLA that does not know an option refuses to compile
     QUICK["xla_cpu_use_fusion_emitters"] = False
     # Passes that cost a tenth of compiling and save nothing in running programs that are used a few
-    # times. The first makes two loops of every sum; without it there are half as many loops, each
-    # of which is a memory map.
+    # times. The first makes two loops of every sum, which rounds less; without it there are half as
+    # many loops, each of which is a memory map.
     QUICK["xla_disable_hlo_passes"] = ",".join(
         (
             "tree_reduction_rewriter",
@@ -151,9 +151,10 @@ def side_by_side(tasks: Iterable[Callable[[], Any]]) -> list[Any]:
 
 @contextlib.contextmanager
 def no_collection() -> Iterator[None]:
-    """Within it Python does not look for cyclic garbage: tracing makes none, and much to look at.
+    """Within it the process does not look for cyclic garbage.
 
-    That was a thirtieth of the time of a comparison.
+    Tracing makes little of it, and so many objects to look at that this took a thirtieth of the
+    time of a comparison.
     """
     if not gc.isenabled():
         yield

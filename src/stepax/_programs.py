@@ -120,10 +120,9 @@ class Shelf:
     def program(self, key: Hashable, make: Callable[[], Program]) -> Program:
         """The program of a key, made where there is none."""
         # making may mean tracing, which others need not wait for
-        made = None if key in self._programs else make()
+        made = self._programs.get(key) or make()
         with self._lock:
-            found = self._programs.get(key) or made or make()
-            self._programs[key] = found
+            found = self._programs.setdefault(key, made)
             self._programs.move_to_end(key)
             excess = max(len(self._programs) - self._most, 0)
             forgotten = [self._programs.popitem(last=False)[1] for _ in range(excess)]

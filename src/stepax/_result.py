@@ -265,11 +265,14 @@ def _with(quality: Quality, result: Identification) -> Identification:
     return dataclasses.replace(result, rmse=rmse, J=J, fit_percent=fit_percent, details=details)
 
 
-def _quality(used: AbstractRecord, model: AbstractPlant, response: Samples | None = None):
+def _quality(
+    used: AbstractRecord, model: AbstractPlant, response: Samples | None = None
+) -> Quality:
     """Of a compact record."""
     known = response is not None
     prediction = scaled(model, used, response) if known else predict(model, used)
-    error = jnp.where(used.present, used.y - prediction, 0)
+    counts = used.present if used.weights is None else used.present & (used.weights > 0)
+    error = jnp.where(counts, used.y - prediction, 0)
     rows = used.after_step
     count = jnp.sum(rows)
     mean = jnp.sum(jnp.where(rows, used.y, 0)) / count

@@ -100,7 +100,8 @@ def shared_readings(
     """Within it, methods called with this very record read it once between them.
 
     For several methods in one trace: nothing is traced, compiled or computed twice. `by_hand`
-    takes the place of what they would read. Results have no errors yet: `judged` gives them.
+    takes the place of what they would read. Results have no errors yet where a
+    response is not known: `judged` gives them.
     """
     token = _SHARED.set(_Shared(record, levels, by_hand))
     try:
