@@ -80,8 +80,10 @@ def compiled(function: Callable[..., Any], effort: int = 0) -> Callable[..., Any
 
     @functools.wraps(function)
     def run(*args: Any, **kwargs: Any) -> Any:
+        if not LOOPED.value or is_traced((args, kwargs)):
+            return full(*args, **kwargs)
         settings = contexts()
-        if not LOOPED.value or settings["disable_jit"] or is_traced((args, kwargs)):
+        if settings["disable_jit"]:
             return full(*args, **kwargs)
         signature, folder = Signature((args, kwargs)), cache_folder()
         state = tuple(settings.values())

@@ -72,7 +72,7 @@ DETAILS = {
     "period": "period of the oscillation",
     "lobes": "extrema of the integral signal that count, two a period",
     "oscillatory": "whether the oscillatory branch was taken",
-    "square": "sum of the squared errors over all rows, those before the step too",
+    "square": "sum of the squared errors over all rows that count, those before the step too",
     # of a fit
     "steps": "iterations of the solver",
     "at_bound": "which parameters of `free` ended on a bound",

@@ -100,8 +100,8 @@ def shared_readings(
     """Within it, methods called with this very record read it once between them.
 
     For several methods in one trace: nothing is traced, compiled or computed twice. `by_hand`
-    takes the place of what they would read. Results have no errors yet where a
-    response is not known: `judged` gives them.
+    takes the place of what they would read. Results have no errors yet where a response is not
+    known: `judged` gives them.
     """
     token = _SHARED.set(_Shared(record, levels, by_hand))
     try:
@@ -176,8 +176,8 @@ class Reading:
 
     def once(self, what: str, read: Callable[[], Any]) -> Any:
         """What `read` gives, or what a method before has read: with default options alone."""
-        shared = _SHARED.get()
-        if shared is None or shared.record is not self.record:
+        shared = self._shared
+        if shared is None:
             return read()
         key = what, self._span
         if key not in shared.found:
@@ -186,7 +186,7 @@ class Reading:
 
     def _crossings(self, levels: Sequence[float] | Array) -> Array:
         """Times of levels from the step."""
-        shared, dtype = _SHARED.get(), self.delay.dtype
+        shared, dtype = self._shared, self.delay.dtype
         known = [] if shared is None or isinstance(levels, Array) else shared.levels
         if not known or not set(levels) <= set(known):
             return crossing_times(self.safe, jnp.asarray(levels, dtype))
@@ -197,10 +197,16 @@ class Reading:
         return times[np.array([known.index(level) for level in levels])]
 
     @property
+    def _shared(self) -> _Shared | None:
+        """What several methods share that read this very record together."""
+        shared = _SHARED.get()
+        return shared if shared is not None and shared.record is self.record else None
+
+    @property
     def _by_hand(self) -> ByHand | None:
         """What a person read of this record, where several methods read it together."""
-        shared = _SHARED.get()
-        return shared.by_hand if shared is not None and shared.record is self.record else None
+        shared = self._shared
+        return None if shared is None else shared.by_hand
 
     def remember(self, status: Status, **details: Array) -> None:
         """What else a method reads: whether that can be used, and what it is, by name."""
@@ -235,8 +241,7 @@ class Reading:
             lambda m: (m.gain, m.offset, m.delay), model, (gain, self.initial, delay)
         )
         details = nan_where(unread(status), details) | self.record.details
-        shared = _SHARED.get()
-        alone = shared is None or shared.record is not self.record or response is not None
+        alone = self._shared is None or response is not None
         return conclude(self.record, model, status, response=response, details=details, judge=alone)
 
 
