@@ -207,8 +207,6 @@ class Problem(eqx.Module):
         if not self.record.seeks_beside:
             return None
         columns = self.record.beside(self.shape(x))
-        if not columns:
-            return None
         known = self.known_levels
         ones = [jnp.ones_like(self.record.y)] if known.offset is None else []
         return Beside.of(ones + columns, self.weights)
