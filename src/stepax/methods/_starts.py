@@ -71,20 +71,17 @@ def _first_order_errors(t: Array, y: Array, lags: Array, delays: Array) -> Array
     each dead time: one matrix product. y has a mean of 0.
     """
     middle = jnp.max(delays) / 2  # so that of these lags neither e nor c overflows in float32
-    after = jnp.where(t[None] > delays[:, None], 1, jnp.zeros_like(y))
-    count, sum_y = times(jnp.stack([jnp.ones_like(y), y]), after.T)
-
-    def of_lag(lag: Scalar) -> Array:
-        """Lag after lag: those of a batch together would not stay in the cache."""
-        e = jnp.exp((middle - jnp.maximum(t, 0)) / lag)
-        sum_e, sum_ee, sum_ye = times(jnp.stack([e, e * e, y * e]), after.T)
-        c = jnp.exp((delays - middle) / lag)
-        sum_g, product = count - c * sum_e, sum_y - c * sum_ye
-        square = count - 2 * c * sum_e + c * c * sum_ee - sum_g**2 / t.size
-        errors = -(product**2) / jnp.where(square > 0, square, jnp.inf)
-        return jnp.where(jnp.isnan(errors), 0, errors)  # of a lag far below the dead times
-
-    return jax.lax.map(of_lag, lags)
+    e = jnp.exp((middle - jnp.maximum(t, 0))[None] / lags[:, None])
+    after = jnp.where(t[:, None] > delays[None], 1, jnp.zeros_like(y)[:, None])
+    rows = jnp.concatenate([jnp.ones_like(y)[None], y[None], e, e * e, y[None] * e])
+    places = 2 + lags.size * np.arange(3)
+    both, sum_e, sum_ee, sum_ye = jnp.split(times(rows, after), places)
+    count, sum_y = both[:1], both[1:]
+    c = jnp.exp((delays - middle)[None] / lags[:, None])
+    sum_g, product = count - c * sum_e, sum_y - c * sum_ye
+    square = count - 2 * c * sum_e + c * c * sum_ee - sum_g**2 / t.size
+    errors = -(product**2) / jnp.where(square > 0, square, jnp.inf)
+    return jnp.where(jnp.isnan(errors), 0, errors)  # of a lag far below the dead times
 
 
 def second_order_start(record: StepRecord, fixed: Sequence[str]) -> SOPDT:
