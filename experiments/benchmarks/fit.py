@@ -89,7 +89,7 @@ def by_stepax(family, everything, t, y, T, r, delay, n):
 def by_optimistix(family, everything, t, y, T, r, delay, n):
     """(b)"""
     known = () if everything else KNOWN
-    fit = Problem(StepRecord(t, y), family(T=T, r=r, n=n, delay=delay), jnp.ones_like(y), known)
+    fit = Problem.of(StepRecord(t, y), family(T=T, r=r, n=n, delay=delay), jnp.ones_like(y), known)
     solver = optx.LevenbergMarquardt(rtol=TOLERANCE, atol=TOLERANCE)
     found = optx.least_squares(
         lambda x, _: fit.residual(jnp.clip(x, *fit.bounds())), solver, fit.start(), throw=False
@@ -181,7 +181,7 @@ def chunked(engine, size=CHUNK):
 def evaluation(family, everything, evaluations, t, y, T, r, delay, n):
     """As many evaluations of residuals, derivatives and their sums as a fit needs, no more."""
     known = () if everything else KNOWN
-    fit = Problem(StepRecord(t, y), family(T=T, r=r, n=n, delay=delay), jnp.ones_like(y), known)
+    fit = Problem.of(StepRecord(t, y), family(T=T, r=r, n=n, delay=delay), jnp.ones_like(y), known)
 
     def again(_, x):
         residual, slopes = fit.linearised(x)

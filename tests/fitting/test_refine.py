@@ -1,5 +1,7 @@
 """Refinement against SciPy, finite differences, and its own promises."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -126,9 +128,8 @@ def test_a_second_lag_shorter_than_a_sample_has_two_minima(seed):
 @pytest.mark.parametrize("family", TRUE)
 def test_linearised_is_the_jacobian(family, threshold):
     record = simulated(TRUE[family], noise=0.05)
-    fit = Problem(
-        record, START[family], jnp.ones_like(record.y), (), threshold and jnp.array(threshold)
-    )
+    fit = Problem.of(record, START[family], jnp.ones_like(record.y), ())
+    fit = dataclasses.replace(fit, threshold=threshold and jnp.array(threshold))
     x = fit.start()
     residual, slopes = eqx.filter_jit(Problem.linearised)(fit, x)
     np.testing.assert_allclose(residual, fit.residual(x), atol=1e-12)

@@ -91,7 +91,7 @@ def fit(
 ) -> Fitted:
     """The least loss from a start; arguments as in `refine`."""
     record_problem, safe, row_weights = problem_data(record, weights)
-    problem = Problem(safe, start, row_weights, tuple(fixed))
+    problem = Problem.of(safe, start, row_weights, tuple(fixed))
     if solver is None:
         eps = float(jnp.finfo(safe.y.dtype).eps)
         atol = 0.5 * least_loss(safe.y.dtype, safe)

@@ -43,14 +43,22 @@ class Problem(eqx.Module):
     `threshold` is None for the sum of squares; else residuals r beyond it (in units of the
     output's range) count as Huber's (1964) loss: $2 k |r| - k^2$ instead of $r^2$. A `prior` adds
     rows to the residuals, which makes gain and offset coordinates too: it comes with a threshold.
+    `range` is that of the output, the unit of the residuals.
     """
 
     record: AbstractRecord
     model: AbstractPlant
     weights: Samples
     fixed: tuple[str, ...] = eqx.field(static=True)
+    range: Scalar
     threshold: Scalar | None = None
     prior: Prior | None = None
+
+    @classmethod
+    def of(cls, record, model, weights: Samples, fixed: tuple[str, ...]) -> "Problem":
+        """By squares; the range is found here, and not in each step of a search."""
+        size = jax.lax.stop_gradient(jnp.max(record.y) - jnp.min(record.y))
+        return cls(record, model, weights, fixed, size)
 
     # what is known and what is free
 
@@ -63,11 +71,6 @@ class Problem(eqx.Module):
     def known_levels(self) -> Levels:
         """What is known of gain and offset."""
         return Levels.of(self.record, self.model, self.fixed)
-
-    @property
-    def range(self) -> Scalar:
-        """Range of the output, the unit of the residuals."""
-        return jax.lax.stop_gradient(jnp.max(self.record.y) - jnp.min(self.record.y))
 
     @property
     def counted(self) -> Array:
