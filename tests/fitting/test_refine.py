@@ -338,3 +338,27 @@ def test_a_bad_lane_leaves_its_neighbours_alone():
 def test_wrong_names_are_refused(fixed, error):
     with pytest.raises(error, match="gain"):
         refine(simulated(TRUE["FOPDT"]), START["FOPDT"], fixed=fixed)
+
+
+def test_the_least_cost_of_all_dead_times_under_heavy_noise():
+    """30 % noise: the dead time of least cost may lie many samples from where a search begins."""
+    random = np.random.default_rng(0)
+    t = np.linspace(0.0, 60.0, 60)
+    T, L = random.uniform(3, 9, (100, 1)), random.uniform(0, 10, (100, 1))
+    y = -np.expm1(-np.maximum(t - L, 0) / T) + 0.3 * random.standard_normal((100, 60))
+    fit = jax.vmap(lambda y: stepax.identify(StepRecord(t, y), "fopdt_fit", errors=False).model)
+    model = jax.jit(fit)(y)
+
+    def costs(g):
+        """Of responses, a row each, with the best gain and offset for each record."""
+        g = g - g.mean(-1, keepdims=True)
+        z = y - y.mean(-1, keepdims=True)
+        product = np.einsum("...t,rt->r...", g, z)
+        return np.sum(z**2, -1).reshape(-1, *[1] * (g.ndim - 1)) - product**2 / np.sum(g**2, -1)
+
+    lags, delays = np.geomspace(0.05, 200, 60), np.linspace(0, 0.95 * 60, 600)
+    since = np.maximum(t - delays[:, None], 0)
+    least = np.min([costs(-np.expm1(-since / lag)).min(-1) for lag in lags], axis=0)
+    own = np.maximum(t - np.asarray(model.delay)[:, None], 0) / np.asarray(model.T)[:, None]
+    found = np.diagonal(costs(-np.expm1(-own)))
+    assert np.mean(found <= least * (1 + 1e-9)) >= 0.99

@@ -57,7 +57,9 @@ def first_order_slopes(t: Array, T: Scalar, changes: Sequence[Scalar]) -> Slopes
     x = t / T
     left = jnp.exp(-x)  # half the time of `expm1`; g is as accurate as a unit of 1
     slope = jnp.where(started, left / T, 0)
-    return Slopes(jnp.where(started, 1 - left, 0), slope, [-x * slope * change for change in changes])
+    return Slopes(
+        jnp.where(started, 1 - left, 0), slope, [-x * slope * change for change in changes]
+    )
 
 
 def decay_integral(rate: Float[Array, "..."], t: Float[Array, "*shape"]) -> Float[Array, "*shape"]:
