@@ -1,7 +1,7 @@
 """Least-squares methods as a user calls them: `python -m experiments.benchmarks.methods`.
 
 Simulated records of 0 to 60 time units: two lags (3 to 9, and 0.1 to 1 of that), dead time, gain
-and offset drawn, 2 % white noise; everything free. Each method by the plain
+and offset drawn, 2 % white noise (`--noise`); everything free. Each method by the plain
 `jit(vmap(lambda y: identify(StepRecord(t, y), method)))`, float64, one device, against
 
 - hand: the fastest `lax.map(..., batch_size=16, 32, 64, 256)` over the same function (`--hand`);
@@ -35,7 +35,9 @@ METHODS = ("fopdt_fit", "sopdt_fit", "hudzovic_fit", "sani_fit")
 ORDERS = range(2, 9)
 
 
-def records(count: int, samples: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def records(
+    count: int, samples: int, seed: int = 0, noise: float = NOISE
+) -> tuple[np.ndarray, np.ndarray]:
     """Times, and a row a record."""
     draw = np.random.default_rng(seed)
     t = np.linspace(0.0, 60.0, samples)
@@ -44,7 +46,7 @@ def records(count: int, samples: int, seed: int = 0) -> tuple[np.ndarray, np.nda
     delay, gain, offset = (draw.uniform(*ends, (count, 1)) for ends in ((0, 5), (0.5, 3), (-1, 1)))
     x = np.maximum(t - delay, 0)
     g = 1 - (slow * np.exp(-x / slow) - fast * np.exp(-x / fast)) / (slow - fast)
-    return t, offset + gain * (g + NOISE * draw.standard_normal(g.shape))
+    return t, offset + gain * (g + noise * draw.standard_normal(g.shape))
 
 
 # SciPy
@@ -178,7 +180,7 @@ def measure(method: str, count: int, samples: int, errors: bool, options) -> dic
     """One row of the table."""
     from stepax import over_devices
 
-    t, y = records(count, samples)
+    t, y = records(count, samples, noise=options.noise)
     t, y = t.astype(options.dtype), y.astype(options.dtype)
     one = functools.partial(figures, t, method, errors)
     device = jax.devices()[0]
@@ -221,6 +223,7 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", default=list(METHODS))
     parser.add_argument("--samples", nargs="+", type=int, default=[200])
     parser.add_argument("--records", nargs="+", type=int, default=[10_000])
+    parser.add_argument("--noise", type=float, default=NOISE, help="over the change")
     parser.add_argument("--errors", nargs="+", choices=["yes", "no"], default=["yes"])
     parser.add_argument("--float32", action="store_true")
     parser.add_argument("--hand", action="store_true", help="chunks chosen by hand too")
