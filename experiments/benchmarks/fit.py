@@ -6,8 +6,9 @@ the residuals and coordinates of (a), clipped to their bounds (in log T and logi
 (c) SciPy `curve_fit` (MINPACK) in a loop, with the same coordinates, gain and offset among them,
 and the response in NumPy: closed form for Hudzovic, contour quadrature for Sani; (d) the same with
 `scipy.signal.step`. (b) to (d) stop at a tolerance of 1e-6, (a) at its own, which is tighter. (a)
-has an equal share of the records on each core, (b) XLA's threads, which is what `jax.vmap` gives,
-for 1 000 plants at a time (all 10 000 are slower and for Sani need more than 20 GiB);
+is the plain `jax.vmap`, an equal share of the records on each core, (b) has XLA's threads, which is
+what `jax.vmap` gives, for 1 000 plants at a time (all 10 000 are slower and for Sani need more than
+20 GiB; so slow that `--engines` can leave it out);
 (c) and (d) use one core, as Python loops do.
 
 Costs are computed again from the parameters by one formula; `excess` is relative to the best of
@@ -190,14 +191,15 @@ def evaluation(family, everything, evaluations, t, y, T, r, delay, n):
     return jax.lax.fori_loop(0, evaluations, again, fit.start())
 
 
-def measure(family, order, everything):
-    """Rows of the table for one family."""
+def measure(family, order, everything, engines):
+    """Rows of the table for one family, of (a) and some of the other engines."""
     keys = jax.random.split(jax.random.key(1), PLANTS)
     records = over_devices(chunked(functools.partial(draw, family, order, everything)))(keys)
     host = [np.asarray(x) for x in records]
     cost, rows = {}, {}
 
-    ours = over_devices(chunked(functools.partial(by_stepax, family, everything)))
+    engine = functools.partial(by_stepax, family, everything)
+    ours = over_devices(lambda *records: jax.vmap(engine)(*records))
     duration, (found, steps, bound) = seconds(ours, records)
     cost["a"] = costs(family, host, found)
     rate = PLANTS / duration
@@ -208,16 +210,18 @@ def measure(family, order, everything):
     rows["a"] = {"engine": name, "plants": PLANTS, "plants/s": rate, "floor": least / duration}
     rows["a"]["bound"] = float(np.mean(bound))
 
-    other = jax.jit(chunked(functools.partial(by_optimistix, family, everything), VMAPPED))
-    single = jax.device_put(records, jax.devices()[0])  # where XLA has threads on all cores
-    duration, found = seconds(other, single)
-    cost["b"] = costs(family, host, found)
-    rows["b"] = {"engine": "b  vmap of optimistix", "plants": PLANTS, "plants/s": PLANTS / duration}
+    if "b" in engines:
+        other = jax.jit(chunked(functools.partial(by_optimistix, family, everything), VMAPPED))
+        single = jax.device_put(records, jax.devices()[0])  # where XLA has threads on all cores
+        duration, found = seconds(other, single)
+        cost["b"] = costs(family, host, found)
+        name = "b  vmap of optimistix"
+        rows["b"] = {"engine": name, "plants": PLANTS, "plants/s": PLANTS / duration}
 
     closed = hudzovic_response if family is Hudzovic else sani_response
     stepped = functools.partial(step_scipy, family)
     loops = [("c", "curve_fit, NumPy", closed, LOOPED), ("d", "curve_fit, lti", stepped, STEPPED)]
-    for letter, name, response, count in loops:
+    for letter, name, response, count in [loop for loop in loops if loop[0] in engines]:
         some = [x[:count] for x in host]
         start = time.perf_counter()
         found = by_scipy(family, everything, response, *some)
@@ -247,7 +251,7 @@ def million(count=1_000_000):
         row, steps, _ = by_stepax(Hudzovic, False, *draw(Hudzovic, 4, False, key))
         return row[:2], steps
 
-    compiled = over_devices(chunked(lambda keys: one(keys)))
+    compiled = over_devices(chunked(lambda keys: one(keys), VMAPPED))
     keys = jax.random.split(jax.random.key(2), count)
     duration, (found, _) = seconds(compiled, [keys])
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
@@ -268,6 +272,7 @@ def main():
     parser.add_argument("--json", type=Path)
     help_only = "numbers of some cases, 0 to 7: 0 is Hudzovic, n = 4, T and r"
     parser.add_argument("--only", type=int, nargs="+", help=help_only)
+    parser.add_argument("--engines", default="bcd", help="beside (a), as letters")
     parser.add_argument("--million", action="store_true")
     options = parser.parse_args()
     warnings.simplefilter("ignore")  # curve_fit on covariances, overflow of its trial steps
@@ -281,7 +286,7 @@ def main():
     cases = cases if options.only is None else [cases[k] for k in options.only]
     tables = []
     for case in track(cases, transient=True):
-        tables.append(measure(*case))
+        tables.append(measure(*case, options.engines))
         show(tables[-1], machine)
     if options.json:
         options.json.write_text(json.dumps({"machine": machine, "tables": tables}, indent=1))
