@@ -24,9 +24,9 @@ most: of a record that hardly tells the dead time more are not worth their time.
 
 ALLOWED = 9.0
 """Sum of squares, in units of the noise's variance, that a dead time may lose to another before
-those beyond it are out of the question: three standard errors. So 99.9 % of records come out at the
-least cost of all, with 30 % noise too, where the nearest five intervals are not enough for one in
-ten (`test_the_least_cost_of_all_dead_times_under_heavy_noise`)."""
+those beyond it are out of the question: three standard errors. With 30 % noise and 60 rows 99 % of
+records come out at the least cost of all, as many as with every interval searched to its end; of
+the nearest five intervals it were 94 %, and 89 % with 200 rows."""
 
 STRAIGHT = 0.2
 """How far other coordinates, most of them logarithms, go along a valley before that may bend."""
@@ -125,6 +125,7 @@ def _between_samples(
     loose = jnp.maximum(LOOSE, solver.rtol)
     tie = max(TIE, 4 * float(jnp.finfo(start.dtype).eps))
     excluded = 1 + ALLOWED / jnp.sum(problem.counted)
+    earliest = jnp.maximum(problem.record.elapsed[0] / problem.record.duration, 0)
 
     def search(so_far: _Sweep) -> _Sweep:
         number = so_far.number
@@ -145,8 +146,9 @@ def _between_samples(
             (found, cost, matrix, cell),
             (so_far.best, so_far.cost, so_far.matrix, so_far.cell),
         )
-        # at the ends of the record there is nothing beyond
-        beyond = jnp.stack([left > 0, right < upper[place]]) & (cost <= excluded * least)
+        # before the first row there is one interval, if only of no dead time
+        more = jnp.stack([right > earliest, right < upper[place]])
+        beyond = more & (cost <= excluded * least)
         return _Sweep(
             centre=jnp.where(first, found.x, so_far.centre),
             best=best,

@@ -55,10 +55,11 @@ def fopdt_fit(record: AbstractRecord, **options: Unpack[FitOptions]) -> Identifi
     r"""First order plus dead time by least squares: K, T, L and the offset.
 
     Starts from the two-point method of Smith (1972) or a grid and refines. Under noise the squared
-    error has a minimum between nearly every two samples: the intervals around the first estimate
-    are searched outwards, at most 50 to each side, until the error says that none better lies
-    beyond. `fixed` (their values are those of `FOPDT`'s defaults) and further options as in
-    `refine`. Known levels of the record fix offset and gain. **Status** as in `refine`.
+    error has a minimum between nearly every two samples: where the dead time is sought, the
+    intervals around a first estimate are searched outwards, at most 50 to each side, until three
+    standard errors are passed. `fixed` (their values are those of `FOPDT`'s defaults) and further
+    options as in `refine`. Known levels of the record fix offset and gain. **Status** as in
+    `refine`.
     """
     return _concluded(search_fopdt, record, options)
 
