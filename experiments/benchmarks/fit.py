@@ -199,7 +199,7 @@ def measure(family, order, everything, engines):
     cost, rows = {}, {}
 
     engine = functools.partial(by_stepax, family, everything)
-    ours = over_devices(lambda *records: jax.vmap(engine)(*records))
+    ours = over_devices(jax.vmap(engine))
     duration, (found, steps, bound) = seconds(ours, records)
     cost["a"] = costs(family, host, found)
     rate = PLANTS / duration
@@ -251,7 +251,7 @@ def million(count=1_000_000):
         row, steps, _ = by_stepax(Hudzovic, False, *draw(Hudzovic, 4, False, key))
         return row[:2], steps
 
-    compiled = over_devices(chunked(lambda keys: one(keys), VMAPPED))
+    compiled = over_devices(chunked(one, VMAPPED))
     keys = jax.random.split(jax.random.key(2), count)
     duration, (found, _) = seconds(compiled, [keys])
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20

@@ -651,15 +651,27 @@ def test_float32(name):
     assert np.array_equal(single.status._value, double.status._value[:2])
 
 
-@pytest.mark.parametrize("name", ["hudzovic_tu_tg", "sani_t10_t50_t90"])
-def test_gradients_of_lookups_with_respect_to_known_levels(name):
-    """Those of finite differences, for either level."""
+def numbers_by_levels(name):
+    """What a lookup finds, as a function of both known levels."""
     t, y, *_ = system_row("S5", samples=300)
 
     def numbers(levels):
         model = METHODS[name](StepRecord(t, y, initial=levels[0], final=levels[1])).model
         return jnp.stack([model.T, model.r, model.gain, model.offset])
 
+    return numbers
+
+
+ONE_OF_EACH_KIND = ["hudzovic_tu_tg", "sani_t10_t50_t90"]
+OTHERS = ["sani_tu_tg", "hudzovic_t10_t50_t90"]
+
+
+@pytest.mark.parametrize(
+    "name", ONE_OF_EACH_KIND + [pytest.param(name, marks=pytest.mark.long) for name in OTHERS]
+)
+def test_gradients_of_lookups_with_respect_to_known_levels(name):
+    """Those of finite differences, for either level."""
+    numbers = numbers_by_levels(name)
     levels, size = jnp.array([0.01, 1.98]), 1e-6
     found = jax.jit(jax.jacrev(numbers))(levels)
     moved = jax.jit(jax.vmap(numbers))
@@ -667,3 +679,11 @@ def test_gradients_of_lookups_with_respect_to_known_levels(name):
     differences = (moved(above) - moved(below)).T / (2 * size)
     np.testing.assert_allclose(found, differences, rtol=1e-5, atol=1e-7)
     assert np.all(np.abs(found[:2]) > 1e-3)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ONE_OF_EACH_KIND + OTHERS)
+def test_both_modes_agree_in_known_levels(name):
+    numbers, levels = numbers_by_levels(name), jnp.array([0.01, 1.98])
+    ahead, back = jax.jit(jax.jacfwd(numbers))(levels), jax.jit(jax.jacrev(numbers))(levels)
+    np.testing.assert_allclose(back, ahead, rtol=1e-9, atol=1e-12)

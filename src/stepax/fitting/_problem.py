@@ -55,7 +55,9 @@ class Problem(eqx.Module):
     prior: Prior | None = None
 
     @classmethod
-    def of(cls, record, model, weights: Samples, fixed: tuple[str, ...]) -> "Problem":
+    def of(
+        cls, record: AbstractRecord, model: AbstractPlant, weights: Samples, fixed: tuple[str, ...]
+    ) -> "Problem":
         """By squares; the range is found here, and not in each step of a search."""
         size = jax.lax.stop_gradient(jnp.max(record.y) - jnp.min(record.y))
         return cls(record, model, weights, fixed, size)
