@@ -185,9 +185,9 @@ def has_loop_in_own_context(*arguments):
 def test_both_forms_give_the_same_numbers(dtype):
     lags = padded([1.0, 0.5, 0.5, 1e-3]).astype(dtype)
     t = times(lags).astype(dtype)
-    written = chain_derivatives(t, lags, 1)
+    written = chain_derivatives(jnp.asarray(t), jnp.asarray(lags), 1)
     with quick_compilation():
-        looped = chain_derivatives(t, lags, 1)
+        looped = chain_derivatives(jnp.asarray(t), jnp.asarray(lags), 1)
     # the same sum in the same order, fused differently: a few roundings of weights up to 280
     # (times a pole up to 30 in the slope)
     eps, weight = jnp.finfo(dtype).eps, 300 if dtype is np.float64 else 10

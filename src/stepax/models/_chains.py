@@ -84,7 +84,7 @@ class Hudzovic(AbstractSpreadChain):
 
     def slopes(self, t: Samples, changes: Sequence[dict[str, Array]]) -> Slopes:
         """T stretches the time; r moves the slowest rate and the spacing."""
-        steps = [(-(self.n - 1) * x.get("r", 0 * self.r), x.get("r", 0 * self.r)) for x in changes]
+        steps = [(-(self.n - 1) * x["r"], x["r"]) for x in changes if "r" in x]
         found = equal_spacing_slopes(t / self.T, self.ratio, self.r, self.n, steps)
         return _stretched(found, t, self.T, changes)
 
@@ -152,7 +152,7 @@ class Sani(AbstractSpreadChain):
         lags, change = jax.linearize(
             lambda r: dataclasses.replace(self, r=r)._relative_lags(), self.r
         )
-        steps = [change(x.get("r", jnp.zeros_like(self.r))) for x in changes]
+        steps = [change(x["r"]) for x in changes if "r" in x]
         return _stretched(chain_slopes(t / self.T, lags, steps), t, self.T, changes)
 
 
@@ -324,10 +324,10 @@ class FOPDT(AbstractChain):
 
 
 def _stretched(found: Slopes, t: Samples, T: Scalar, changes: Sequence[dict[str, Array]]) -> Slopes:
-    """Slopes of a response in t / T as those of a response in t, T among the parameters."""
-    slope = found.in_time / T
-    moved = [
-        change - t / T * slope * x["T"] if "T" in x else change
-        for change, x in zip(found.changes, changes, strict=True)
-    ]
+    """Slopes of a response in t / T, and by moves of r alone, as those of a response in t."""
+    slope, by_shape = found.in_time / T, iter(found.changes)
+    moved = []
+    for x in changes:
+        move = next(by_shape) if "r" in x else jnp.zeros_like(slope)
+        moved.append(move - t / T * slope * x["T"] if "T" in x else move)
     return Slopes(found.response, slope, moved)

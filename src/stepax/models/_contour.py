@@ -17,7 +17,7 @@ up to eight lags of any ratio and any t >= 0. Far tails have no relative accurac
 
 import functools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -90,84 +90,152 @@ def chain_response(t: Float[Array, "*shape"], lags: Lags) -> Float[Array, "*shap
 
     **Returns:** values of the shape of `t`.
     """
-    return chain_derivatives(t, lags, 0)[0]
+    return _sums(t, lags, (0,), ())[0]
 
 
 def _chain_response_jvp(primals, tangents):
-    """The slope in time shares the denominators of the response; the lags' is differentiated.
-
-    Only what has a tangent is computed. The barriers keep XLA from sharing subexpressions between
-    value and tangents: on a CPU that breaks one pass over the data into many.
-    """
+    """Only what has a tangent is computed."""
     t, lags = primals
     value = chain_response(t, lags)
     tangent = jnp.zeros_like(value)
     if not isinstance(tangents[0], SymbolicZero):
-        time, fixed = jax.lax.optimization_barrier((t, lags))
-        slope = chain_derivatives(time, fixed, 1)[1]
-        tangent = tangent + slope / jnp.where(time > 0, time, 1) * tangents[0]
+        (slope,) = _sums(t, lags, (1,), ())
+        tangent = tangent + slope / jnp.where(t > 0, t, 1) * tangents[0]
     if not isinstance(tangents[1], SymbolicZero):
-        time, varied = jax.lax.optimization_barrier((t, lags))
-        response = lambda lags: chain_derivatives(time, lags, 0)[0]  # noqa: E731
-        tangent = tangent + jax.jvp(response, (varied,), (tangents[1],))[1]
+        tangent = tangent + _sums(t, lags, (), (tangents[1],))[0]
     return value, tangent
 
 
 chain_response.defjvp(_chain_response_jvp, symbolic_zeros=True)
 
 
-@functools.partial(jax.jit, static_argnums=2)
 def chain_derivatives(
     t: Float[Array, "*shape"], lags: Lags, highest: int
 ) -> list[Float[Array, "*shape"]]:
-    r"""$g, t g', t^2 g'', \dots$ up to the derivative `highest`, from one set of denominators.
-
-    Differentiating with respect to time multiplies $w_k$ by $z_k/t$. Each factor $1 + z T/t$ is
-    written as $(u + z v)/u$ with $u = t/(t+T)$, $v = T/(t+T)$, both in [0, 1], so that nothing
-    overflows for small t or any ratio of lags. Compiled on its own, so that it is traced once.
-    """
-    started = t > 0
-    t = jnp.where(started, t, jnp.ones_like(t))
-    inverses = [1 / (t + lags[j]) for j in range(lags.shape[0])]
-    shares = [(t * x, lags[j] * x) for j, x in enumerate(inverses)]
-    totals = [jnp.zeros_like(shares[0][0])] * (highest + 1)
-
-    def add(totals, pair):
-        (pole_re, pole_im), *weights = pair
-        re, im = jnp.ones_like(totals[0]), jnp.zeros_like(totals[0])
-        for u, v in shares:
-            a, b = u + pole_re * v, pole_im * v
-            re, im = re * a - im * b, re * b + im * a
-        size = re * re + im * im
-        return [x + (c * re + d * im) / size for x, (c, d) in zip(totals, weights, strict=True)]
-
-    pairs = [
-        [pole, *(weight * pole**m for m in range(highest + 1))]
-        for pole, weight in _pairs(totals[0].dtype)
-    ]
-    if LOOPED.value:  # read while tracing; `test_a_change_of_form_is_traced_anew`
-        rows = np.array([[(z.real, z.imag) for z in pair] for pair in pairs])
-        rows = jnp.asarray(rows, totals[0].dtype)
-        totals, _ = jax.lax.scan(lambda x, row: (add(x, row), None), totals, rows)
-    else:
-        for pair in pairs:
-            totals = add(totals, [(z.real, z.imag) for z in pair])
-    product = shares[0][0]
-    for u, _ in shares[1:]:
-        product = product * u
-    return [jnp.where(started, total * product, 0) for total in totals]
+    r"""$g, t g', t^2 g'', \dots$ up to the derivative `highest`."""
+    return _sums(t, lags, tuple(range(highest + 1)), ())
 
 
 def chain_slopes(t: Array, lags: Lags, changes: Sequence[Lags]) -> Slopes:
     """`chain_response` and its slopes; `changes` of the lags."""
-    g, slope = chain_derivatives(t, lags, 1)
-    slope = slope / jnp.where(t > 0, t, 1)
-    response = lambda lags: chain_derivatives(t, lags, 0)[0]  # noqa: E731
-    moved = []
+    g, slope, *moved = _sums(t, lags, (0, 1), tuple(changes))
+    return Slopes(g, slope / jnp.where(t > 0, t, 1), moved)
+
+
+@functools.partial(jax.jit, static_argnums=2)
+def _sums(
+    t: Float[Array, "*shape"], lags: Lags, powers: tuple[int, ...], changes: tuple[Lags, ...]
+) -> list[Float[Array, "*shape"]]:
+    r"""$t^i g^{(i)}$ for each of `powers` i, then the change of g with each of the `changes`.
+
+    The product over the lags is multiplied out, once for all poles: with $u_j = t/(t + T_j)$ and
+    $v_j = T_j/(t + T_j)$,
+
+    $$ P(z) = \prod_j (u_j + z v_j) = \sum_m c_m z^m, \qquad
+       g = c_0 \sum_k \mathrm{Re} \frac{w_k}{P(z_k)}. $$
+
+    All $c_m$ are in [0, 1] and their sum is 1, so that nothing overflows for small t or any ratio
+    of lags. Of its digits a sum loses at a pole of angle $\theta$ at most those of
+    $\cos(\theta/2)^{-n}$: below 3 at the four poles with the weights that count. Differentiating in
+    time multiplies $w_k$ by $z_k/t$; changes $\tau_j$ of the lags change $P$ by
+    $z \sum_j \tau_j/(t + T_j) \prod_{i \ne j} (u_i + z v_i)$ beside the denominators of u and v,
+    which cancel. Compiled on its own, so that it is traced once.
+    """
+    started = t > 0
+    t = jnp.where(started, t, 1)
+    by = _as_products if LOOPED.value else _written_out  # `test_a_change_of_form_is_traced_anew`
+    return [jnp.where(started, x, 0) for x in by(t, lags, powers, changes)]
+
+
+def _written_out(
+    t: Array, lags: Lags, powers: tuple[int, ...], changes: tuple[Lags, ...]
+) -> list[Float[Array, "*shape"]]:
+    """The sums over the poles one by one, each result a single pass over the data.
+
+    The barriers keep XLA from sharing between them: on a CPU that breaks a pass into many.
+    """
+    pairs, results = _pairs(jnp.result_type(t, lags)), []
+    one = jnp.where(t == t, jnp.ones_like(t), t)
+    for power in powers:
+        t, lags = jax.lax.optimization_barrier((t, lags))
+        c, _ = _multiplied_out(t, lags)
+        value = jnp.zeros_like(c[0])
+        for pole, weight in pairs:
+            re, im = _at(pole, c)
+            w = weight * pole**power
+            value = value + (w.real * re + w.imag * im) / (re * re + im * im)
+        results.append(c[0] * value / one)
+    for change in changes:  # may be linear in what is transposed: it has a barrier of its own
+        t, lags = jax.lax.optimization_barrier((t, lags))
+        c, d = _multiplied_out(t, lags, jax.lax.optimization_barrier(change))
+        d = [c[0] * x for x in d]  # first: each of them alone may be large
+        value = jnp.zeros_like(c[0])
+        for pole, weight in pairs:
+            (re, im), (a, b) = _at(pole, c), _at(pole, d)
+            square, twice, size = re * re - im * im, 2 * re * im, re * re + im * im
+            w = weight * pole
+            move = w.imag * (b * square - a * twice) - w.real * (a * square + b * twice)
+            value = value + move / (size * size)  # a quotient that is used once stays in the pass
+        results.append(value / one)
+    return results
+
+
+def _multiplied_out(
+    t: Array, lags: Lags, change: Lags | None = None
+) -> tuple[list[Array], list[Array]]:
+    """Coefficients of P, and those of its change over z."""
+    c, d = [jnp.ones_like(t + lags[0])], []
+    for j in range(lags.shape[0]):
+        inverse = 1 / (t + lags[j])
+        u, v = t * inverse, lags[j] * inverse
+        if change is not None:
+            d = _times(u, v, d)
+            own = [change[j] * inverse * x for x in c]
+            d = [a + b for a, b in zip(d, own, strict=True)] if d else own
+        c = _times(u, v, c)
+    return c, d
+
+
+def _times(u: Array, v: Array, c: list[Array]) -> list[Array]:
+    """Coefficients of a polynomial times u + z v."""
+    if not c:
+        return []
+    return [u * c[0], *(u * a + v * b for a, b in zip(c[1:], c[:-1], strict=True)), v * c[-1]]
+
+
+def _at(pole: complex, coefficients: Sequence[Array]) -> tuple[Array, Array]:
+    """Real and imaginary part of a polynomial."""
+    powers = [pole**m for m in range(len(coefficients))]
+    re = sum(z.real * c for z, c in zip(powers, coefficients, strict=True))
+    im = sum(z.imag * c for z, c in zip(powers[1:], coefficients[1:], strict=True))
+    return re, im  # pyright: ignore[reportReturnType]
+
+
+def _as_products(
+    t: Array, lags: Lags, powers: tuple[int, ...], changes: tuple[Lags, ...]
+) -> list[Float[Array, "*shape"]]:
+    """The same as products of matrices: little to compile, and less fast."""
+
+    c = jnp.stack(_multiplied_out(t, lags)[0])
+    poles, weights = np.array(_pairs(c.dtype)).T
+    vandermonde = poles[:, None] ** np.arange(lags.size + 1)
+
+    def product(matrix: Any, x: Array) -> Array:
+        return jnp.tensordot(jnp.asarray(matrix, x.dtype), x, 1, precision="highest")
+
+    re, im = product(vandermonde.real, c), product(vandermonde.imag, c)
+    size = re * re + im * im
+    re, im = re / size, -im / size
+    w = weights * poles ** np.array(powers, int)[:, None]
+    results = list(product(w.real, re) - product(w.imag, im)) if powers else []
+    results = [c[0] * x for x in results]
+    square, twice, w = re * re - im * im, 2 * re * im, weights * poles
     for change in changes:
-        lags = jax.lax.optimization_barrier(lags)
-        moved.append(jax.jvp(response, (lags,), (change,))[1])
-    return Slopes(g, slope, moved)
+        d = c[:1] * jnp.stack(_multiplied_out(t, lags, change)[1])  # each alone may be large
+        a, b = product(vandermonde.real[:, :-1], d), product(vandermonde.imag[:, :-1], d)
+        imaginary = product(w.imag, a * twice + b * square)
+        results.append(imaginary - product(w.real, a * square - b * twice))
+    return results
 
 
 def chain_curvature(t: Samples, lags: Lags, weights: Samples) -> Float[Array, "lags lags"]:
