@@ -262,21 +262,20 @@ def _move(problem: Problem, x: Array, change_of_problem) -> Array:
 
     def gradient(x, problem):
         residual, rows = problem.linearised(x)
-        return jnp.stack(rows) @ residual
+        jacobian = jnp.stack(rows)
+        slope = jacobian @ residual
+        return slope, (slope, residual, jacobian)
 
     lower, upper = problem.bounds()
-    residual, rows = problem.linearised(x)
-    jacobian = jnp.stack(rows)
-    slope = jacobian @ residual
+    hessian, (slope, residual, jacobian) = jax.jacfwd(gradient, has_aux=True)(x, problem)
     free = free_parameters(x, slope, lower, upper)
-    hessian = jax.jacfwd(gradient)(x, problem)
     if problem.kinked:
         place = problem.delay_place
         tiny = jnp.finfo(x.dtype).tiny
         promised = slope[place] ** 2 / jnp.maximum(jnp.abs(hessian[place, place]), tiny)
         free = free.at[place].set(free[place] & (promised <= 1e-7 * residual @ residual))
     _, change = eqx.filter_jvp(
-        lambda problem: gradient(x, problem), (problem,), (change_of_problem,)
+        lambda problem: gradient(x, problem)[0], (problem,), (change_of_problem,)
     )
     mean = means_of_equal(problem, x)
     change = mean @ change
