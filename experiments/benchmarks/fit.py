@@ -44,7 +44,6 @@ from experiments.cores import use_all_cores
 from experiments.numpy_responses import chain_lags, chain_response, hudzovic_response
 from stepax import Hudzovic, Sani, StepRecord, over_devices, refine
 from stepax.fitting._problem import Problem
-from stepax.fitting._solver import inner_products
 from stepax.methods._starts import chain_start
 
 
@@ -185,8 +184,7 @@ def evaluation(family, everything, evaluations, t, y, T, r, delay, n):
     fit = Problem.of(StepRecord(t, y), family(T=T, r=r, n=n, delay=delay), jnp.ones_like(y), known)
 
     def again(_, x):
-        residual, slopes = fit.linearised(x)
-        return x * (1 + 1e-9 * jnp.tanh(jnp.sum(inner_products([*slopes, residual]))))
+        return x * (1 + 1e-9 * jnp.tanh(jnp.sum(fit.products(x))))
 
     return jax.lax.fori_loop(0, evaluations, again, fit.start())
 

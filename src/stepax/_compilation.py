@@ -17,8 +17,9 @@ from jax.core import Tracer
 from ._programs import Program, Shelf, Signature, cache_folder, kept_program, program
 
 
-LOOPED = jax.make_user_context(False)
-"""Whether to compile quickly: part of the key under which JAX keeps what it compiled."""
+FORM = jax.make_user_context("written")
+"""Form of the sums over the poles of the contour, part of the key under which JAX keeps what it
+compiled: "written" out, which runs fastest; a "loop"; or "products", to compile quickly."""
 
 QUICK: dict[str, Any] = {
     "xla_llvm_disable_expensive_passes": True,
@@ -59,14 +60,14 @@ CONTEXTS: dict[str, Callable[[Any], AbstractContextManager]] = {
 
 
 def quick_compilation() -> AbstractContextManager[None]:
-    """Within it, the sum over the poles of the contour is compiled as a loop and not written out.
+    """Within it, the sums over the poles of the contour are products, and not written out.
 
     What `compiled` has made is compiled with few optimisations, too. For a process that identifies
     a few records: it compiles several times faster and runs up to five times slower. Results are
     the same to rounding. It holds for the thread that enters it; functions that were compiled
     outside are compiled anew inside, and kept outside.
     """
-    return LOOPED(True)
+    return FORM("products")
 
 
 def compiled(function: Callable[..., Any], effort: int = 0) -> Callable[..., Any]:
@@ -80,7 +81,7 @@ def compiled(function: Callable[..., Any], effort: int = 0) -> Callable[..., Any
 
     @functools.wraps(function)
     def run(*args: Any, **kwargs: Any) -> Any:
-        if not LOOPED.value or is_traced((args, kwargs)):
+        if FORM.value != "products" or is_traced((args, kwargs)):
             return full(*args, **kwargs)
         settings = contexts()
         if settings["disable_jit"]:
@@ -138,11 +139,11 @@ def side_by_side(tasks: Iterable[Callable[[], Any]]) -> list[Any]:
     A thread does not inherit the contexts of its maker, such as `with jax.enable_x64(True)`: each
     enters them again.
     """
-    looped, values = LOOPED.value, contexts()
+    form, values = FORM.value, contexts()
 
     def run(task: Callable[[], Any]) -> Any:
         with contextlib.ExitStack() as stack:
-            stack.enter_context(LOOPED(looped))
+            stack.enter_context(FORM(form))
             for name, value in values.items():
                 stack.enter_context(CONTEXTS[name](value))
             return task()

@@ -12,11 +12,12 @@ from mpmath import mp, mpf
 from tests import caratheodory_fejer, oracle
 
 import stepax
-from stepax._compilation import quick_compilation
+from stepax._compilation import FORM, quick_compilation
 from stepax.models._contour import (
     _pairs,
     chain_derivatives,
     chain_response,
+    chain_slopes,
     lag_power_response,
 )
 
@@ -171,28 +172,46 @@ def test_derivatives_in_time_are_those_of_jvp(lags):
     assert np.all(np.array(early) == 0)
 
 
-def has_loop(function, *arguments):
-    """Whether a jitted function, as the context now has it, loops over the poles."""
-    return "stablehlo.while" in function.lower(*arguments).as_text()
+def has_products(function, *arguments):
+    """Whether a jitted function, as the context now has it, has products for its sums."""
+    return "dot_general" in function.lower(*arguments).as_text()
 
 
-def has_loop_in_own_context(*arguments):
+def has_products_in_own_context(*arguments):
     with quick_compilation():
-        return has_loop(*arguments)
+        return has_products(*arguments)
 
 
 @pytest.mark.parametrize("dtype", DTYPES)
-def test_both_forms_give_the_same_numbers(dtype):
-    lags = padded([1.0, 0.5, 0.5, 1e-3]).astype(dtype)
-    t = times(lags).astype(dtype)
-    written = chain_derivatives(jnp.asarray(t), jnp.asarray(lags), 1)
-    with quick_compilation():
-        looped = chain_derivatives(jnp.asarray(t), jnp.asarray(lags), 1)
-    # the same sum in the same order, fused differently: a few roundings of weights up to 280
-    # (times a pole up to 30 in the slope)
+@pytest.mark.parametrize("form", ["loop", "products"])
+def test_all_forms_give_the_same_numbers(form, dtype):
+    """A response, its slope and its change; with absent lags, of which one appears."""
+    lags = jnp.asarray(padded([1.0, 0.5, 0.5, 1e-3]).astype(dtype))
+    t, change = jnp.asarray(times(lags).astype(dtype)), jnp.linspace(-1, 1, 8, dtype=dtype)
+    written = chain_slopes(t, lags, [change])
+    with FORM(form):
+        other = chain_slopes(t, lags, [change])
+    # the same sum, fused differently: a few roundings of weights up to 280 (times a pole up to 30
+    # in the slope and the change)
     eps, weight = jnp.finfo(dtype).eps, 300 if dtype is np.float64 else 10
-    for a, b, pole in zip(written, looped, (1, 30), strict=True):
-        assert np.max(np.abs(a - b)) <= 4 * weight * pole * eps
+    assert np.max(np.abs(written.response - other.response)) <= 4 * weight * eps
+    assert np.max(np.abs(written.in_time - other.in_time)[t > 1e-3]) <= 120 * weight * eps / 1e-3
+    assert np.max(np.abs(written.changes[0] - other.changes[0])) <= 120 * weight * eps
+
+
+@pytest.mark.parametrize("form", ["written", "loop", "products"])
+def test_change_of_the_lags(form):
+    """Against differences of the response, and what the rule for derivatives gives, both modes."""
+    lags, change = jnp.array([1.0, 0.3, 0.3, 0.02]), jnp.array([0.5, -1.0, 0.2, 1.0])
+    t, h = jnp.linspace(0, 6, 40), 1e-5
+    with FORM(form):
+        (moved,) = chain_slopes(t, lags, [change]).changes
+        differences = (
+            chain_response(t, lags + h * change) - chain_response(t, lags - h * change)
+        ) / (2 * h)
+        assert np.allclose(moved, differences, rtol=0, atol=1e-7)
+        assert np.allclose(moved, jax.jacfwd(chain_response, 1)(t, lags) @ change, atol=1e-12)
+        assert np.allclose(moved, jax.jacrev(chain_response, 1)(t, lags) @ change, atol=1e-12)
 
 
 def test_a_change_of_form_is_traced_anew():
@@ -206,14 +225,14 @@ def test_a_change_of_form_is_traced_anew():
 
     t, lags = jnp.asarray(1.0), jnp.ones(2)
     written = [slope(t, lags), slope(t, lags)]
-    assert len(traced) == 1 and not has_loop(slope, t, lags)
+    assert len(traced) == 1 and not has_products(slope, t, lags)
     with quick_compilation():
-        assert has_loop(slope, t, lags) and len(traced) == 2
+        assert has_products(slope, t, lags) and len(traced) == 2
         assert slope(t, lags) == pytest.approx(float(written[0]), abs=1e-12) and len(traced) == 2
         with ThreadPoolExecutor(1) as pool:
-            assert not pool.submit(has_loop, slope, t, lags).result()
-            assert pool.submit(has_loop_in_own_context, slope, t, lags).result()
-    assert slope(t, lags) == written[1] and len(traced) == 2 and not has_loop(slope, t, lags)
+            assert not pool.submit(has_products, slope, t, lags).result()
+            assert pool.submit(has_products_in_own_context, slope, t, lags).result()
+    assert slope(t, lags) == written[1] and len(traced) == 2 and not has_products(slope, t, lags)
 
 
 @pytest.mark.long

@@ -2,11 +2,13 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from .._arrays import Samples, Scalar
+from .._arrays import Samples, Scalar, safe_sqrt
 from ..models._abstract import AbstractPlant
 from ..records._abstract import AbstractRecord
 from ._beside import Beside
+from ._solver import inner_products
 
 
 class Levels(eqx.Module):
@@ -73,30 +75,41 @@ class Levels(eqx.Module):
         amplitude = _slope(w, g - mean_g, y - mean_y)
         return mean_y - amplitude * mean_g, amplitude
 
-    def residual_changes(
+    def products(
         self, w: Samples, g: Samples, amplitude: Scalar, residual: Samples, moves: list[Samples]
-    ) -> list[Samples]:
-        r"""Derivatives of y - offset - amplitude g, both by `regression`, where g moves.
+    ) -> Float[Array, "rows rows"]:
+        r"""Inner products of the derivatives of the residual, where g moves, and of itself, last.
 
-        With d the part of g that the regression has the amplitude of, and h that of a move,
+        The residual is r = y - offset - amplitude g, both by `regression`. With d the part of g
+        that this has the amplitude of, across a free offset as all that follows, and h a move,
 
         $$ r' = -a \left(h - \frac{\langle d, h\rangle}{\langle d, d\rangle} d\right)
-                - \frac{\langle r, h\rangle}{\langle d, d\rangle} d $$
+                - \frac{\langle r, h\rangle}{\langle d, d\rangle} d, \qquad
+           \langle r, d \rangle = 0 $$
 
-        (Golub and Pereyra 1973), weights w in the inner products.
+        (Golub and Pereyra 1973), weights w in the inner products. Those of all rows at once tell
+        the rest: on a CPU each row that is computed for them takes as long.
         """
-        total, found = jnp.sum(w), self.final is None and self.offset is None
-        if found:
-            moves = [h - (w @ h) / total for h in moves]
-        if self.gain is not None:
-            return [-amplitude * h for h in moves]
-        d = g if self.final is None else g - 1
-        if found:
-            d = d - (w @ d) / total
-        wd, wr = w * d, w * residual
-        square = wd @ d
-        square = jnp.where(square > 0, square, 1)
-        return [-amplitude * h + ((amplitude * (wd @ h) - wr @ h) / square) * d for h in moves]
+        number, root = len(moves), safe_sqrt(w)
+        across = self.final is None and self.offset is None
+        d = [] if self.gain is not None else [g if self.final is None else g - 1]
+        ones = [jnp.ones_like(g)] if across else []
+        p = inner_products([root * row for row in (*moves, residual, *d, *ones)])
+        cost, own = p[number, number], jnp.diagonal(p)[:number]
+        if across:
+            p = p - p[:, -1:] * p[-1:, :] / p[-1, -1]
+        by_residual = p[:number, number]
+        normal = amplitude**2 * p[:number, :number]
+        if d:
+            square, by_d = p[number + 1, number + 1], p[:number, number + 1]
+            square = jnp.where(square > 0, square, 1)
+            normal = normal - amplitude**2 * by_d[:, None] * by_d[None, :] / square
+            normal = normal + by_residual[:, None] * by_residual[None, :] / square
+        # what rounding may leave of a difference must not be negative
+        normal = normal + jnp.diag(8 * jnp.finfo(g.dtype).eps * amplitude**2 * own)
+        gradient = -amplitude * by_residual
+        last = jnp.append(gradient, cost)
+        return jnp.concatenate([jnp.column_stack([normal, gradient]), last[None]])
 
 
 def _slope(w: Samples, x: Samples, y: Samples) -> Scalar:

@@ -11,7 +11,7 @@ import optimistix as optx
 from jaxtyping import Array
 
 from .._arrays import Count, Flag, Scalar, still
-from .._compilation import quick_compilation
+from .._compilation import FORM
 from ._individual_lags import curvature, in_order, means_of_equal, retract
 from ._lanes import Search, run_search
 from ._problem import Problem
@@ -189,7 +189,7 @@ def _solve(
 
     One that cannot get below the cost to `beat` need not be found.
     """
-    options = {"linearised": Problem.linearised}
+    options = {"products": Problem.products}
     if problem.individual and start.size > 1:
         options |= {"curvature": curvature, "retract": retract}
     if isinstance(solver, BoundedLevenbergMarquardt):
@@ -248,11 +248,11 @@ def implicit(problem: Problem, x: Array, converged: Flag) -> Array:
 
 @implicit.def_jvp
 def _implicit_jvp(primals, tangents):
-    """Few of them are computed, and once a fit: the contour's sum is a loop, quick to compile."""
+    """Few of them are computed, and once a fit: the contour's sums are a loop, quick to compile."""
     problem, x, converged = primals
     if x.size == 0:
         return x, jnp.zeros_like(x)
-    with quick_compilation():
+    with FORM("loop"):
         move = _move(problem, x, tangents[0])
     return x, jnp.where(converged, move, jnp.nan)
 
@@ -261,19 +261,18 @@ def _move(problem: Problem, x: Array, change_of_problem) -> Array:
     """How the optimum moves."""
 
     def gradient(x, problem):
-        residual, rows = problem.linearised(x)
-        jacobian = jnp.stack(rows)
-        slope = jacobian @ residual
-        return slope, (slope, residual, jacobian)
+        products = problem.products(x)
+        return products[:-1, -1], products
 
     lower, upper = problem.bounds()
-    hessian, (slope, residual, jacobian) = jax.jacfwd(gradient, has_aux=True)(x, problem)
+    hessian, products = jax.jacfwd(gradient, has_aux=True)(x, problem)
+    slope, cost = products[:-1, -1], products[-1, -1]
     free = free_parameters(x, slope, lower, upper)
     if problem.kinked:
         place = problem.delay_place
         tiny = jnp.finfo(x.dtype).tiny
         promised = slope[place] ** 2 / jnp.maximum(jnp.abs(hessian[place, place]), tiny)
-        free = free.at[place].set(free[place] & (promised <= 1e-7 * residual @ residual))
+        free = free.at[place].set(free[place] & (promised <= 1e-7 * cost))
     _, change = eqx.filter_jvp(
         lambda problem: gradient(x, problem)[0], (problem,), (change_of_problem,)
     )
@@ -282,7 +281,7 @@ def _move(problem: Problem, x: Array, change_of_problem) -> Array:
     scaled, scale = _scaled(hessian, free, mean)
     if problem.free_delay:
         definite = jnp.linalg.eigvalsh(scaled)[0] > jnp.finfo(x.dtype).eps ** 0.75
-        normal, normal_scale = _scaled(jacobian @ jacobian.T, free, mean)
+        normal, normal_scale = _scaled(products[:-1, :-1], free, mean)
         scaled, scale = jax.tree.map(
             lambda a, b: jnp.where(definite, a, b), (scaled, scale), (normal, normal_scale)
         )

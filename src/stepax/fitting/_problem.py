@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from .._arrays import Coordinates, Flag, Samples, Scalar, computed_once, safe_sqrt
 from .._status import Status
@@ -19,6 +19,7 @@ from ._beside import Beside
 from ._families import AbstractFamily, family_of
 from ._levels import Levels
 from ._prior import Prior
+from ._solver import inner_products
 
 
 LONGEST_DELAY = 0.95
@@ -239,8 +240,8 @@ class Problem(eqx.Module):
         """Sum of the squares of the residuals, in units of the range; g as in `errors`."""
         return jnp.sum(self.residual(x, g) ** 2)
 
-    def linearised(self, x: Array) -> tuple[Array, list[Array]]:
-        """Residuals, and their derivative in each coordinate.
+    def products(self, x: Array) -> Float[Array, "rows rows"]:
+        """Inner products of the derivatives of the residuals, and of themselves, last.
 
         A dead time and the logarithm of the unit of time both move the response along its slope.
         """
@@ -257,12 +258,12 @@ class Problem(eqx.Module):
             offset, amplitude = self.levels(x, g)
             residual = self.record.y - offset - amplitude * g
             rows = [moves[k] for k in range(x.size)]
-            rows = self.known_levels.residual_changes(self.weights, g, amplitude, residual, rows)
-            scale = safe_sqrt(self.weights) / self.range
-            return scale * residual, [scale * row for row in rows]
+            found = self.known_levels.products(self.weights, g, amplitude, residual, rows)
+            return found / self.range**2
         residual, change = jax.linearize(self.residual, x, g)
         unit, still = jnp.eye(x.size, dtype=x.dtype), jnp.zeros_like(g)
-        return residual, [change(unit[k], moves.get(k, still)) for k in range(x.size)]
+        rows = [change(unit[k], moves.get(k, still)) for k in range(x.size)]
+        return inner_products([*rows, residual])
 
     def _change(self, k: int, x: Array) -> dict[str, Array]:
         """How the own parameters move with one coordinate."""

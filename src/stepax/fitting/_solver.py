@@ -52,9 +52,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     a function of (args, y), adds $\sum_i r_i \nabla^2 r_i$ to the normal matrix, whose negative
     eigenvalues then count as positive ones; `options["retract"]`, a function of (args, y, step),
     gives the end of a step on the curve that follows the valley, with the step as its tangent.
-    `options["linearised"]`, a function of (args, y), gives residuals and a list of their
-    derivatives at once, where a caller can share work between them. `options["beat"]`: a cost that
-    the result is to get below; the search fails where that is out of reach.
+    `options["products"]`, a function of (args, y), gives the inner products of the derivatives of
+    the residuals, and of these last, where a caller has a shorter way to them. `options["beat"]`: a
+    cost that the result is to get below; the search fails where that is out of reach.
 
     Parameters are a tuple of numbers, or a row of them. With a tuple, the derivative in one does
     not compute what depends on the others alone. Bounds come in `options`: `dict(lower=...,
@@ -88,8 +88,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         del tags
         lower, upper = options["lower"], options["upper"]
         new, like, y = state.candidate, y, jnp.stack(list(y))
-        residual, jacobian, aux = _evaluated(fn, new, like, args, options)
-        products = inner_products([*jacobian, residual])
+        products, aux = _evaluated(fn, new, like, args, options)
         cost = 0.5 * products[-1, -1]
         cost = jnp.where(jnp.isfinite(cost), cost, jnp.inf)
         # Below rounding of the cost the gradient alone tells: such a step is taken on its word.
@@ -166,13 +165,13 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         return y, aux, {}
 
 
-def _evaluated(fn, new, like, args, options) -> tuple[Array, Any, PyTree]:
-    """Residuals at a point, their derivatives in each parameter, and what else `fn` gives."""
-    if "linearised" in options:
-        return *options["linearised"](args, new), None
+def _evaluated(fn, new, like, args, options) -> tuple[Array, PyTree]:
+    """Inner products of derivatives and residuals at a point, and what else `fn` gives."""
+    if "products" in options:
+        return options["products"](args, new), None
     residual, aux = fn(_similar(new, like), args)
     jacobian = derivatives(lambda *x: fn(_similar(jnp.stack(x), like, x), args)[0], new)
-    return residual, jacobian, aux
+    return inner_products([*jacobian, residual]), aux
 
 
 def _next_damping(state: _State, cost: Scalar, better: Flag, curved: bool) -> tuple[Scalar, Scalar]:

@@ -26,7 +26,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
 
 from .._arrays import Lags, Samples, Scalar
-from .._compilation import LOOPED
+from .._compilation import FORM
 
 
 # Caratheodory-Fejer poles and weights of type (2k - 1, 2k) for k conjugate pairs, computed at 60
@@ -143,8 +143,40 @@ def _sums(
     """
     started = t > 0
     t = jnp.where(started, t, 1)
-    by = _as_products if LOOPED.value else _written_out  # `test_a_change_of_form_is_traced_anew`
-    return [jnp.where(started, x, 0) for x in by(t, lags, powers, changes)]
+    # read while tracing; `test_a_change_of_form_is_traced_anew`
+    form = {"written": _written_out, "loop": _in_a_loop, "products": _as_products}[FORM.value]
+    return [jnp.where(started, x, 0) for x in form(t, lags, powers, changes)]
+
+
+Number = tuple[Any, Any]
+"""Real and imaginary part."""
+
+
+def _numbers(dtype, powers: tuple[int, ...], n: int) -> list[list[complex]]:
+    """Of each pair the weights of the `powers`, that of a change, and the pole to 0 up to n."""
+    return [
+        [*(weight * pole**i for i in powers), weight * pole, *(pole**m for m in range(n + 1))]
+        for pole, weight in _pairs(dtype)
+    ]
+
+
+def _at(pole_powers: Sequence[Number], coefficients: Sequence[Array]) -> Number:
+    """A real polynomial at a pole."""
+    pairs = list(zip(pole_powers, coefficients, strict=False))
+    re = coefficients[0] + sum(z[0] * c for z, c in pairs[1:])
+    return re, sum(z[1] * c for z, c in pairs[1:])
+
+
+def _term(w: Number, P: Number) -> Array:
+    """Re w/P."""
+    return (w[0] * P[0] + w[1] * P[1]) / (P[0] * P[0] + P[1] * P[1])
+
+
+def _change(w: Number, P: Number, D: Number) -> Array:
+    """-Re w D/P^2; a quotient that is used once stays in the pass of what it is used for."""
+    (re, im), (a, b) = P, D
+    square, twice, size = re * re - im * im, 2 * re * im, re * re + im * im
+    return (w[1] * (b * square - a * twice) - w[0] * (a * square + b * twice)) / (size * size)
 
 
 def _written_out(
@@ -152,90 +184,104 @@ def _written_out(
 ) -> list[Float[Array, "*shape"]]:
     """The sums over the poles one by one, each result a single pass over the data.
 
-    The barriers keep XLA from sharing between them: on a CPU that breaks a pass into many.
+    The barriers keep XLA from sharing between them: on a CPU that breaks a pass into many. Each
+    ends in a division, see `computed_once`.
     """
-    pairs, results = _pairs(jnp.result_type(t, lags)), []
+    results, table = [], _numbers(jnp.result_type(t, lags), powers, lags.shape[0])
     one = jnp.where(t == t, jnp.ones_like(t), t)
-    for power in powers:
+    rows = [[(z.real, z.imag) for z in row] for row in table]
+    first = len(powers) + 1
+    for i in range(len(powers)):
         t, lags = jax.lax.optimization_barrier((t, lags))
-        c, _ = _multiplied_out(t, lags)
-        value = jnp.zeros_like(c[0])
-        for pole, weight in pairs:
-            re, im = _at(pole, c)
-            w = weight * pole**power
-            value = value + (w.real * re + w.imag * im) / (re * re + im * im)
-        results.append(c[0] * value / one)
+        c = _multiplied_out(t, lags)
+        results.append(c[0] * sum(_term(row[i], _at(row[first:], c)) for row in rows) / one)
     for change in changes:  # may be linear in what is transposed: it has a barrier of its own
         t, lags = jax.lax.optimization_barrier((t, lags))
-        c, d = _multiplied_out(t, lags, jax.lax.optimization_barrier(change))
-        d = [c[0] * x for x in d]  # first: each of them alone may be large
-        value = jnp.zeros_like(c[0])
-        for pole, weight in pairs:
-            (re, im), (a, b) = _at(pole, c), _at(pole, d)
-            square, twice, size = re * re - im * im, 2 * re * im, re * re + im * im
-            w = weight * pole
-            move = w.imag * (b * square - a * twice) - w.real * (a * square + b * twice)
-            value = value + move / (size * size)  # a quotient that is used once stays in the pass
-        results.append(value / one)
+        c, d = _with_change(t, lags, jax.lax.optimization_barrier(change))
+        terms = (_change(x[first - 1], _at(x[first:], c), _at(x[first:], d)) for x in rows)
+        results.append(sum(terms) / one)
     return results
 
 
-def _multiplied_out(
-    t: Array, lags: Lags, change: Lags | None = None
-) -> tuple[list[Array], list[Array]]:
-    """Coefficients of P, and those of its change over z."""
-    c, d = [jnp.ones_like(t + lags[0])], []
-    for j in range(lags.shape[0]):
-        inverse = 1 / (t + lags[j])
-        u, v = t * inverse, lags[j] * inverse
-        if change is not None:
-            d = _times(u, v, d)
-            own = [change[j] * inverse * x for x in c]
-            d = [a + b for a, b in zip(d, own, strict=True)] if d else own
-        c = _times(u, v, c)
-    return c, d
+def _in_a_loop(
+    t: Array, lags: Lags, powers: tuple[int, ...], changes: tuple[Lags, ...]
+) -> list[Float[Array, "*shape"]]:
+    """All sums in one loop over the poles: what is differentiated again compiles in half the time.
 
+    Unoptimised it is several times slower than by products.
+    """
+    c = _multiplied_out(t, lags)
+    moves = [_with_change(t, lags, change)[1] for change in changes]
+    table = np.array(_numbers(c[0].dtype, powers, lags.shape[0]), np.complex128)
+    first = len(powers) + 1
 
-def _times(u: Array, v: Array, c: list[Array]) -> list[Array]:
-    """Coefficients of a polynomial times u + z v."""
-    if not c:
-        return []
-    return [u * c[0], *(u * a + v * b for a, b in zip(c[1:], c[:-1], strict=True)), v * c[-1]]
+    def add(totals: list[Array], parts: tuple[Array, Array]) -> tuple[list[Array], None]:
+        row = list(zip(*parts, strict=True))
+        P = _at(row[first:], c)
+        terms = [_term(w, P) for w in row[: first - 1]]
+        terms += [_change(row[first - 1], P, _at(row[first:], d)) for d in moves]
+        return [x + y for x, y in zip(totals, terms, strict=True)], None
 
-
-def _at(pole: complex, coefficients: Sequence[Array]) -> tuple[Array, Array]:
-    """Real and imaginary part of a polynomial."""
-    powers = [pole**m for m in range(len(coefficients))]
-    re = sum(z.real * c for z, c in zip(powers, coefficients, strict=True))
-    im = sum(z.imag * c for z, c in zip(powers[1:], coefficients[1:], strict=True))
-    return re, im  # pyright: ignore[reportReturnType]
+    zeros = [jnp.zeros_like(c[0])] * (len(powers) + len(changes))
+    parts = jnp.asarray(table.real, c[0].dtype), jnp.asarray(table.imag, c[0].dtype)
+    totals, _ = jax.lax.scan(add, zeros, parts)
+    return [*(c[0] * x for x in totals[: len(powers)]), *totals[len(powers) :]]
 
 
 def _as_products(
     t: Array, lags: Lags, powers: tuple[int, ...], changes: tuple[Lags, ...]
 ) -> list[Float[Array, "*shape"]]:
-    """The same as products of matrices: little to compile, and less fast."""
+    """The same as products of matrices: least to compile, and fast without optimisation too.
 
-    c = jnp.stack(_multiplied_out(t, lags)[0])
-    poles, weights = np.array(_pairs(c.dtype)).T
-    vandermonde = poles[:, None] ** np.arange(lags.size + 1)
+    In batches it is slow.
+    """
+    c = jnp.stack(_multiplied_out(t, lags))
+    table, first = (
+        np.array(_numbers(c.dtype, powers, lags.shape[0]), np.complex128),
+        len(powers) + 1,
+    )
+    weights, pole_powers = table[:, :first].T, table[:, first:]
 
     def product(matrix: Any, x: Array) -> Array:
         return jnp.tensordot(jnp.asarray(matrix, x.dtype), x, 1, precision="highest")
 
-    re, im = product(vandermonde.real, c), product(vandermonde.imag, c)
+    re, im = product(pole_powers.real, c), product(pole_powers.imag, c)
     size = re * re + im * im
     re, im = re / size, -im / size
-    w = weights * poles ** np.array(powers, int)[:, None]
-    results = list(product(w.real, re) - product(w.imag, im)) if powers else []
-    results = [c[0] * x for x in results]
-    square, twice, w = re * re - im * im, 2 * re * im, weights * poles
+    sums = product(weights[:-1].real, re) - product(weights[:-1].imag, im) if powers else []
+    square, twice, results = re * re - im * im, 2 * re * im, [c[0] * x for x in sums]
     for change in changes:
-        d = c[:1] * jnp.stack(_multiplied_out(t, lags, change)[1])  # each alone may be large
-        a, b = product(vandermonde.real[:, :-1], d), product(vandermonde.imag[:, :-1], d)
-        imaginary = product(w.imag, a * twice + b * square)
-        results.append(imaginary - product(w.real, a * square - b * twice))
+        d = jnp.stack(_with_change(t, lags, change)[1])
+        a, b = product(pole_powers.real[:, :-1], d), product(pole_powers.imag[:, :-1], d)
+        imaginary = product(weights[-1].imag, a * twice + b * square)
+        results.append(imaginary - product(weights[-1].real, a * square - b * twice))
     return results
+
+
+def _multiplied_out(t: Array, lags: Lags) -> list[Array]:
+    """Coefficients of P."""
+    c = [jnp.ones_like(t + lags[0])]
+    for j in range(lags.shape[0]):
+        inverse = 1 / (t + lags[j])
+        c = _times(t * inverse, lags[j] * inverse, c)
+    return c
+
+
+def _with_change(t: Array, lags: Lags, change: Lags) -> tuple[list[Array], list[Array]]:
+    """Coefficients of P, and those of its change over z, times c_0: they alone may be large."""
+    c, d = [jnp.ones_like(t + lags[0])], []
+    for j in range(lags.shape[0]):
+        inverse = 1 / (t + lags[j])
+        u, v = t * inverse, lags[j] * inverse
+        own = [change[j] * inverse * x for x in c]
+        d = [a + b for a, b in zip(_times(u, v, d), own, strict=True)] if d else own
+        c = _times(u, v, c)
+    return c, [c[0] * x for x in d]
+
+
+def _times(u: Array, v: Array, c: list[Array]) -> list[Array]:
+    """Coefficients of a polynomial times u + z v."""
+    return [u * c[0], *(u * a + v * b for a, b in zip(c[1:], c[:-1], strict=True)), v * c[-1]]
 
 
 def chain_curvature(t: Samples, lags: Lags, weights: Samples) -> Float[Array, "lags lags"]:
