@@ -4,7 +4,8 @@ Simulated records of 0 to 60 time units: two lags (3 to 9, and 0.1 to 1 of that)
 and offset drawn, 2 % white noise (`--noise`); everything free. Each method by the plain
 `jit(vmap(lambda y: identify(StepRecord(t, y), method)))`, float64, one device, against
 
-- hand: the fastest `lax.map(..., batch_size=16, 32, 64, 256)` over the same function (`--hand`);
+- hand: the fastest `lax.map(..., batch_size=16, 32, 64, 256)` over the same function, in turn
+  (`--hand`; above 1 the plain call is faster);
 - devices: the plain call through `stepax.over_devices`, one device a core;
 - scipy: `curve_fit` (MINPACK) with the analytic model in NumPy, from the same start, all orders
   that the method tries, in a loop on one core; pool: the same in a process on each core.
@@ -28,7 +29,7 @@ from rich.console import Console
 from rich.table import Table
 
 
-NOISE, REPETITIONS, LOOPED = 0.02, 3, 400
+NOISE, REPETITIONS, TURNS, LOOPED = 0.02, 3, 5, 400
 SLOW = 30.0
 """Seconds from which a call is repeated once."""
 METHODS = ("fopdt_fit", "sopdt_fit", "hudzovic_fit", "sani_fit")
@@ -167,13 +168,27 @@ def timed(call, *arguments) -> tuple[float, float, tuple]:
     return first - float(np.median(takes)), float(np.median(takes)), result
 
 
-def by_hand(one, y) -> float:
-    """The fastest of the chunks that a user could choose."""
+def beside_chunks(one, y) -> float:
+    """Seconds of the fastest chunk that a user could choose over those of the plain call.
+
+    In turn: a machine that drifts would else decide.
+    """
+
+    def chunked(size):
+        return jax.jit(lambda y: jax.lax.map(one, y, batch_size=size))
+
+    calls = [jax.jit(jax.vmap(one)), *(chunked(size) for size in (16, 32, 64, 256))]
+    for call in calls:
+        jax.block_until_ready(call(y))
     takes = []
-    for size in (16, 32, 64, 256):
-        call = jax.jit(lambda y, size=size: jax.lax.map(one, y, batch_size=size))
-        takes.append(timed(call, y)[1])
-    return min(takes)
+    for _ in range(TURNS):
+        takes.append([])
+        for call in calls:
+            start = time.perf_counter()
+            jax.block_until_ready(call(y))
+            takes[-1].append(time.perf_counter() - start)
+    plain, *chunks = np.median(takes, axis=0)
+    return float(min(chunks) / plain)
 
 
 def measure(method: str, count: int, samples: int, errors: bool, options) -> dict[str, str]:
@@ -196,7 +211,7 @@ def measure(method: str, count: int, samples: int, errors: bool, options) -> dic
         "steps": f"{np.median(steps):.0f}, {np.quantile(steps, 0.99):.0f}",
     }
     if options.hand:
-        row["of best chunk"] = f"{by_hand(one, jax.device_put(y, device)) / seconds:.2f}"
+        row["of best chunk"] = f"{beside_chunks(one, jax.device_put(y, device)):.2f}"
     if jax.device_count() > 1:
         _, spread, _ = timed(over_devices(jax.vmap(one)), y)
         row["devices"] = f"{count / spread:.0f}"

@@ -129,13 +129,43 @@ def test_a_second_lag_shorter_than_a_sample_has_two_minima(seed):
 def test_products_are_those_of_the_jacobian(family, threshold):
     record = simulated(TRUE[family], noise=0.05)
     fit = Problem.of(record, START[family], jnp.ones_like(record.y), ())
-    fit = dataclasses.replace(fit, threshold=threshold and jnp.array(threshold))
+    check_products(dataclasses.replace(fit, threshold=threshold and jnp.array(threshold)))
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize(
+    ("fixed", "levels"),
+    [
+        (("gain",), {}),
+        (("offset",), {}),
+        (("gain", "offset"), {}),
+        ((), {"final": -1.0}),
+        ((), {"initial": 5.0, "final": -1.0}),
+    ],
+)
+def test_products_with_known_levels_and_rows_left_out(fixed, levels, dtype):
+    record = simulated(TRUE["FOPDT"], noise=0.05, dtype=dtype, **levels)
+    weights = jnp.where(jnp.arange(record.y.size) % 7 == 0, 0, jnp.ones_like(record.y))
+    check_products(Problem.of(record, START["FOPDT"], weights, fixed))
+
+
+@pytest.mark.parametrize("unit", [1e-20, 1e20])
+def test_products_do_not_depend_on_the_unit_of_the_output(unit):
+    record = simulated(TRUE["FOPDT"], noise=0.05, dtype=np.float32)
+    scaled = eqx.tree_at(lambda r: r.y, record, np.float32(unit) * record.y)
+    weights, x = jnp.ones_like(record.y), jnp.array([-2.0, 0.1], np.float32)
+    one, other = (Problem.of(r, START["FOPDT"], weights, ()).products(x) for r in (record, scaled))
+    np.testing.assert_allclose(other, one, rtol=1e-3, atol=1e-4)
+
+
+def check_products(fit):
     x = fit.start()
+    tolerance = 1e-9 if x.dtype == np.float64 else 1e-3
     rows = eqx.filter_jit(
         lambda fit, x: jnp.column_stack([jax.jacrev(fit.residual)(x), fit.residual(x)])
     )(fit, x)
     products = eqx.filter_jit(Problem.products)(fit, x)
-    np.testing.assert_allclose(products, rows.T @ rows, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(products, rows.T @ rows, rtol=tolerance, atol=tolerance)
 
 
 def test_huber_is_not_drawn_by_glitches():

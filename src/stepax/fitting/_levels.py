@@ -87,8 +87,8 @@ class Levels(eqx.Module):
                 - \frac{\langle r, h\rangle}{\langle d, d\rangle} d, \qquad
            \langle r, d \rangle = 0 $$
 
-        (Golub and Pereyra 1973), weights w in the inner products. Those of all rows at once tell
-        the rest: on a CPU each row that is computed for them takes as long.
+        (Golub and Pereyra 1973), weights w in the inner products. All follow from those of the
+        plain rows, one product of matrices: to compute the rows r' first takes twice the time.
         """
         number, root = len(moves), safe_sqrt(w)
         across = self.final is None and self.offset is None

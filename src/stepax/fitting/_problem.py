@@ -256,10 +256,9 @@ class Problem(eqx.Module):
             moves[self.delay_place] = self.record.duration * by_delay
         if self.threshold is None and not self.record.seeks_beside:
             offset, amplitude = self.levels(x, g)
-            residual = self.record.y - offset - amplitude * g
-            rows = [moves[k] for k in range(x.size)]
-            found = self.known_levels.products(self.weights, g, amplitude, residual, rows)
-            return found / self.range**2
+            residual = (self.record.y - offset - amplitude * g) / self.range
+            rows, relative = [moves[k] for k in range(x.size)], amplitude / self.range
+            return self.known_levels.products(self.weights, g, relative, residual, rows)
         residual, change = jax.linearize(self.residual, x, g)
         unit, still = jnp.eye(x.size, dtype=x.dtype), jnp.zeros_like(g)
         rows = [change(unit[k], moves.get(k, still)) for k in range(x.size)]

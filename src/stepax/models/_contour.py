@@ -128,19 +128,21 @@ def _sums(
 ) -> list[Float[Array, "*shape"]]:
     r"""$t^i g^{(i)}$ for each of `powers` i, then the change of g with each of the `changes`.
 
-    The product over the lags is multiplied out, once for all poles: with $u_j = t/(t + T_j)$ and
-    $v_j = T_j/(t + T_j)$,
+    The product over the lags is multiplied out, once for all poles: with $u_j = t/(t + \rho T_j)$,
+    $v_j = \rho T_j/(t + \rho T_j)$, $x = z/\rho$ and $\rho$ in the middle of all $|z_k|$,
 
-    $$ P(z) = \prod_j (u_j + z v_j) = \sum_m c_m z^m, \qquad
-       g = c_0 \sum_k \mathrm{Re} \frac{w_k}{P(z_k)}. $$
+    $$ P(x) = \prod_j (u_j + x v_j) = \sum_m c_m x^m, \qquad
+       g = c_0 \sum_k \mathrm{Re} \frac{w_k}{P(z_k/\rho)}. $$
 
-    All $c_m$ are in [0, 1] and their sum is 1, so that nothing overflows for small t or any ratio
-    of lags. Of its digits a sum loses at a pole of angle $\theta$ at most those of
-    $\cos(\theta/2)^{-n}$: below 3 at the four poles with the weights that count. Differentiating in
+    All $c_m$ are in [0, 1], their sum is 1 and the $|x_k|$ are near 1: no $P$ is large or small,
+    whatever t and the lags. Rounding of a sum is multiplied, at a pole of angle $\theta$, by at
+    most $\cos(\theta/2)^{-n}$, which is large only where the weight is small. Differentiating in
     time multiplies $w_k$ by $z_k/t$; changes $\tau_j$ of the lags change $P$ by
-    $z \sum_j \tau_j/(t + T_j) \prod_{i \ne j} (u_i + z v_i)$ beside the denominators of u and v,
-    which cancel. Compiled on its own, so that it is traced once.
+    $x \sum_j \rho \tau_j/(t + \rho T_j) \prod_{i \ne j} (u_i + x v_i)$ beside the denominators of
+    u and v, which cancel. Compiled on its own, so that it is traced once.
     """
+    rho = _middle(jnp.result_type(t, lags))
+    lags, changes = rho * lags, tuple(rho * change for change in changes)
     started = t > 0
     t = jnp.where(started, t, 1)
     # read while tracing; `test_a_change_of_form_is_traced_anew`
@@ -153,11 +155,20 @@ Number = tuple[Any, Any]
 
 
 def _numbers(dtype, powers: tuple[int, ...], n: int) -> list[list[complex]]:
-    """Of each pair the weights of the `powers`, that of a change, and the pole to 0 up to n."""
-    return [
-        [*(weight * pole**i for i in powers), weight * pole, *(pole**m for m in range(n + 1))]
-        for pole, weight in _pairs(dtype)
-    ]
+    """Of each pair the weights of the `powers`, that of a change, and x to 0 up to n."""
+    rows = []
+    for pole, weight in _pairs(dtype):
+        x = pole / _middle(dtype)
+        rows.append(
+            [*(weight * pole**i for i in powers), weight * x, *(x**m for m in range(n + 1))]
+        )
+    return rows
+
+
+def _middle(dtype) -> float:
+    """Geometric middle of the absolute values of the poles."""
+    sizes = [abs(pole) for pole, _ in _pairs(dtype)]
+    return (min(sizes) * max(sizes)) ** 0.5
 
 
 def _at(pole_powers: Sequence[Number], coefficients: Sequence[Array]) -> Number:
