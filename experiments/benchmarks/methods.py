@@ -168,7 +168,7 @@ def timed(call, *arguments) -> tuple[float, float, tuple]:
     return first - float(np.median(takes)), float(np.median(takes)), result
 
 
-def beside_chunks(one, y) -> float:
+def beside_chunks(plain, one, y) -> float:
     """Seconds of the fastest chunk that a user could choose over those of the plain call.
 
     In turn: a machine that drifts would else decide.
@@ -177,7 +177,7 @@ def beside_chunks(one, y) -> float:
     def chunked(size):
         return jax.jit(lambda y: jax.lax.map(one, y, batch_size=size))
 
-    calls = [jax.jit(jax.vmap(one)), *(chunked(size) for size in (16, 32, 64, 256))]
+    calls = [plain, *(chunked(size) for size in (16, 32, 64, 256))]
     for call in calls:
         jax.block_until_ready(call(y))
     takes = []
@@ -187,8 +187,8 @@ def beside_chunks(one, y) -> float:
             start = time.perf_counter()
             jax.block_until_ready(call(y))
             takes[-1].append(time.perf_counter() - start)
-    plain, *chunks = np.median(takes, axis=0)
-    return float(min(chunks) / plain)
+    whole, *chunks = np.median(takes, axis=0)
+    return float(min(chunks) / whole)
 
 
 def measure(method: str, count: int, samples: int, errors: bool, options) -> dict[str, str]:
@@ -199,7 +199,8 @@ def measure(method: str, count: int, samples: int, errors: bool, options) -> dic
     t, y = t.astype(options.dtype), y.astype(options.dtype)
     one = functools.partial(figures, t, method, errors)
     device = jax.devices()[0]
-    compiling, seconds, found = timed(jax.jit(jax.vmap(one)), jax.device_put(y, device))
+    plain, on_device = jax.jit(jax.vmap(one)), jax.device_put(y, device)
+    compiling, seconds, found = timed(plain, on_device)
     rmse, steps, order, _ = map(np.asarray, (*found[:3], 0))
     row = {
         "method": method,
@@ -211,7 +212,7 @@ def measure(method: str, count: int, samples: int, errors: bool, options) -> dic
         "steps": f"{np.median(steps):.0f}, {np.quantile(steps, 0.99):.0f}",
     }
     if options.hand:
-        row["of best chunk"] = f"{beside_chunks(one, jax.device_put(y, device)):.2f}"
+        row["of best chunk"] = f"{beside_chunks(plain, one, on_device):.2f}"
     if jax.device_count() > 1:
         _, spread, _ = timed(over_devices(jax.vmap(one)), y)
         row["devices"] = f"{count / spread:.0f}"

@@ -160,7 +160,7 @@ def test_products_do_not_depend_on_the_unit_of_the_output(unit):
 
 def check_products(fit):
     x = fit.start()
-    tolerance = 1e-9 if x.dtype == np.float64 else 1e-3
+    tolerance = 1e-12 if x.dtype == np.float64 else 1e-5
     rows = eqx.filter_jit(
         lambda fit, x: jnp.column_stack([jax.jacrev(fit.residual)(x), fit.residual(x)])
     )(fit, x)

@@ -109,7 +109,7 @@ class Levels(eqx.Module):
         normal = normal + jnp.diag(8 * jnp.finfo(g.dtype).eps * amplitude**2 * own)
         gradient = -amplitude * by_residual
         last = jnp.append(gradient, cost)
-        return jnp.concatenate([jnp.column_stack([normal, gradient]), last[None]])
+        return jnp.block([[normal, gradient[:, None]], [last]])
 
 
 def _slope(w: Samples, x: Samples, y: Samples) -> Scalar:

@@ -24,8 +24,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Float
+from numpy.typing import NDArray
 
-from .._arrays import Lags, Samples, Scalar
+from .._arrays import Lags, Samples, Scalar, computed_once
 from .._compilation import FORM
 
 
@@ -150,19 +151,18 @@ def _sums(
     return [jnp.where(started, x, 0) for x in form(t, lags, powers, changes)]
 
 
+Complexes = NDArray[np.complex128]
+
 Number = tuple[Any, Any]
 """Real and imaginary part."""
 
 
-def _numbers(dtype, powers: tuple[int, ...], n: int) -> list[list[complex]]:
-    """Of each pair the weights of the `powers`, that of a change, and x to 0 up to n."""
-    rows = []
-    for pole, weight in _pairs(dtype):
-        x = pole / _middle(dtype)
-        rows.append(
-            [*(weight * pole**i for i in powers), weight * x, *(x**m for m in range(n + 1))]
-        )
-    return rows
+def _table(dtype, powers: tuple[int, ...], n: int) -> tuple[Complexes, Complexes]:
+    """Of each pair the weights of the `powers` and last of a change, and x to 0 up to n."""
+    poles, weights = np.array(_pairs(dtype), np.complex128).T
+    x = poles / _middle(dtype)
+    columns = [*(weights * poles**i for i in powers), weights * x]
+    return np.stack(columns, 1), x[:, None] ** np.arange(n + 1)
 
 
 def _middle(dtype) -> float:
@@ -171,9 +171,9 @@ def _middle(dtype) -> float:
     return (min(sizes) * max(sizes)) ** 0.5
 
 
-def _at(pole_powers: Sequence[Number], coefficients: Sequence[Array]) -> Number:
-    """A real polynomial at a pole."""
-    pairs = list(zip(pole_powers, coefficients, strict=False))
+def _at(x_powers: Sequence[Number], coefficients: Sequence[Array]) -> Number:
+    """A real polynomial at a pole, from the powers of x, of which there may be more."""
+    pairs = list(zip(x_powers, coefficients, strict=False))
     re = coefficients[0] + sum(z[0] * c for z, c in pairs[1:])
     return re, sum(z[1] * c for z, c in pairs[1:])
 
@@ -195,23 +195,24 @@ def _written_out(
 ) -> list[Float[Array, "*shape"]]:
     """The sums over the poles one by one, each result a single pass over the data.
 
-    The barriers keep XLA from sharing between them: on a CPU that breaks a pass into many. Each
-    ends in a division, see `computed_once`.
+    The barriers keep XLA from sharing between them: on a CPU that breaks a pass into many.
     """
-    results, table = [], _numbers(jnp.result_type(t, lags), powers, lags.shape[0])
-    one = jnp.where(t == t, jnp.ones_like(t), t)
-    rows = [[(z.real, z.imag) for z in row] for row in table]
-    first = len(powers) + 1
+    weights, x = (
+        [[(z.real, z.imag) for z in row] for row in part.tolist()]
+        for part in _table(jnp.result_type(t, lags), powers, lags.shape[0])
+    )
+    results, seen = [], t
     for i in range(len(powers)):
         t, lags = jax.lax.optimization_barrier((t, lags))
-        c = _multiplied_out(t, lags)
-        results.append(c[0] * sum(_term(row[i], _at(row[first:], c)) for row in rows) / one)
+        c, _ = _multiplied_out(t, lags)
+        terms = (_term(w[i], _at(z, c)) for w, z in zip(weights, x, strict=True))
+        results.append(c[0] * sum(terms))
     for change in changes:  # may be linear in what is transposed: it has a barrier of its own
         t, lags = jax.lax.optimization_barrier((t, lags))
-        c, d = _with_change(t, lags, jax.lax.optimization_barrier(change))
-        terms = (_change(x[first - 1], _at(x[first:], c), _at(x[first:], d)) for x in rows)
-        results.append(sum(terms) / one)
-    return results
+        c, (d,) = _multiplied_out(t, lags, [jax.lax.optimization_barrier(change)])
+        terms = (_change(w[-1], _at(z, c), _at(z, d)) for w, z in zip(weights, x, strict=True))
+        results.append(sum(terms))
+    return list(computed_once(seen, *results)[1:])
 
 
 def _in_a_loop(
@@ -221,20 +222,18 @@ def _in_a_loop(
 
     Unoptimised it is several times slower than by products.
     """
-    c = _multiplied_out(t, lags)
-    moves = [_with_change(t, lags, change)[1] for change in changes]
-    table = np.array(_numbers(c[0].dtype, powers, lags.shape[0]), np.complex128)
-    first = len(powers) + 1
+    c, moves = _multiplied_out(t, lags, changes)
+    table = _table(c[0].dtype, powers, lags.shape[0])
+    parts = [jnp.asarray(part, c[0].dtype) for each in table for part in (each.real, each.imag)]
 
-    def add(totals: list[Array], parts: tuple[Array, Array]) -> tuple[list[Array], None]:
-        row = list(zip(*parts, strict=True))
-        P = _at(row[first:], c)
-        terms = [_term(w, P) for w in row[: first - 1]]
-        terms += [_change(row[first - 1], P, _at(row[first:], d)) for d in moves]
-        return [x + y for x, y in zip(totals, terms, strict=True)], None
+    def add(totals: list[Array], row: list[Array]) -> tuple[list[Array], None]:
+        *weights, last = zip(*row[:2], strict=True)
+        x = list(zip(*row[2:], strict=True))
+        P = _at(x, c)
+        terms = [_term(w, P) for w in weights] + [_change(last, P, _at(x, d)) for d in moves]
+        return [a + b for a, b in zip(totals, terms, strict=True)], None
 
     zeros = [jnp.zeros_like(c[0])] * (len(powers) + len(changes))
-    parts = jnp.asarray(table.real, c[0].dtype), jnp.asarray(table.imag, c[0].dtype)
     totals, _ = jax.lax.scan(add, zeros, parts)
     return [*(c[0] * x for x in totals[: len(powers)]), *totals[len(powers) :]]
 
@@ -246,52 +245,49 @@ def _as_products(
 
     In batches it is slow.
     """
-    c = jnp.stack(_multiplied_out(t, lags))
-    table, first = (
-        np.array(_numbers(c.dtype, powers, lags.shape[0]), np.complex128),
-        len(powers) + 1,
-    )
-    weights, pole_powers = table[:, :first].T, table[:, first:]
+    c, moves = _multiplied_out(t, lags, changes)
+    weights, x = _table(c[0].dtype, powers, lags.shape[0])
+    *weights, last = weights.T
 
-    def product(matrix: Any, x: Array) -> Array:
-        return jnp.tensordot(jnp.asarray(matrix, x.dtype), x, 1, precision="highest")
+    def product(matrix: Any, rows: Array) -> Array:
+        return jnp.tensordot(jnp.asarray(matrix, rows.dtype), rows, 1, precision="highest")
 
-    re, im = product(pole_powers.real, c), product(pole_powers.imag, c)
+    def at_poles(coefficients: list[Array]) -> Number:
+        rows, powers_of_x = jnp.stack(coefficients), x[:, : len(coefficients)]
+        return product(powers_of_x.real, rows), product(powers_of_x.imag, rows)
+
+    re, im = at_poles(c)
     size = re * re + im * im
     re, im = re / size, -im / size
-    sums = product(weights[:-1].real, re) - product(weights[:-1].imag, im) if powers else []
-    square, twice, results = re * re - im * im, 2 * re * im, [c[0] * x for x in sums]
-    for change in changes:
-        d = jnp.stack(_with_change(t, lags, change)[1])
-        a, b = product(pole_powers.real[:, :-1], d), product(pole_powers.imag[:, :-1], d)
-        imaginary = product(weights[-1].imag, a * twice + b * square)
-        results.append(imaginary - product(weights[-1].real, a * square - b * twice))
+    results = [c[0] * (product(w.real, re) - product(w.imag, im)) for w in weights]
+    square, twice = re * re - im * im, 2 * re * im
+    for d in moves:
+        a, b = at_poles(d)
+        imaginary = product(last.imag, a * twice + b * square)
+        results.append(imaginary - product(last.real, a * square - b * twice))
     return results
 
 
-def _multiplied_out(t: Array, lags: Lags) -> list[Array]:
-    """Coefficients of P."""
-    c = [jnp.ones_like(t + lags[0])]
-    for j in range(lags.shape[0]):
-        inverse = 1 / (t + lags[j])
-        c = _times(t * inverse, lags[j] * inverse, c)
-    return c
-
-
-def _with_change(t: Array, lags: Lags, change: Lags) -> tuple[list[Array], list[Array]]:
-    """Coefficients of P, and those of its change over z, times c_0: they alone may be large."""
-    c, d = [jnp.ones_like(t + lags[0])], []
+def _multiplied_out(
+    t: Array, lags: Lags, changes: Sequence[Lags] = ()
+) -> tuple[list[Array], list[list[Array]]]:
+    """Coefficients of P, and of each change of it over x, times c_0: they alone may be large."""
+    c: list[Array] = [jnp.ones_like(t + lags[0])]
+    moves: list[list[Array]] = [[] for _ in changes]
     for j in range(lags.shape[0]):
         inverse = 1 / (t + lags[j])
         u, v = t * inverse, lags[j] * inverse
-        own = [change[j] * inverse * x for x in c]
-        d = [a + b for a, b in zip(_times(u, v, d), own, strict=True)] if d else own
+        for k, change in enumerate(changes):
+            own = [change[j] * inverse * x for x in c]
+            if j:
+                own = [a + b for a, b in zip(_times(u, v, moves[k]), own, strict=True)]
+            moves[k] = own
         c = _times(u, v, c)
-    return c, [c[0] * x for x in d]
+    return c, [[c[0] * x for x in d] for d in moves]
 
 
 def _times(u: Array, v: Array, c: list[Array]) -> list[Array]:
-    """Coefficients of a polynomial times u + z v."""
+    """Coefficients of a polynomial times u + x v."""
     return [u * c[0], *(u * a + v * b for a, b in zip(c[1:], c[:-1], strict=True)), v * c[-1]]
 
 
