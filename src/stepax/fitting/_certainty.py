@@ -270,13 +270,12 @@ def _covariance(problem, model, root, residual, phi, at_bound, values) -> _Covar
     in_a_row = np.array([s.place is not None for s in free])
     absent = in_a_row & (values == 0) & ~at_bound
     frozen = absent | _frozen(in_a_row, values, at_bound)
-    last = jnp.argsort(frozen)  # a column of zeros before others would take a row from them
     jacobian = root[None] * _moves(problem, _with_numbers(model, free, values), free)
     beside = _beside(problem, model, root)
     jacobian = jacobian - (jacobian @ beside.T) @ beside
     if problem.prior is not None:
         jacobian = jnp.concatenate([jacobian, _prior_rows(problem)], axis=1)
-    jacobian = jnp.where(frozen[:, None], 0, jacobian)[last]
+    jacobian = jnp.where(frozen[:, None], 0, jacobian)
     # A row that others explain to 64 eps of its length is rounding, no direction of its own.
     least = 64 * float(jnp.finfo(jacobian.dtype).eps)
     q, c, own = orthonormal(list(jacobian), 1.0, least)
@@ -288,8 +287,6 @@ def _covariance(problem, model, root, residual, phi, at_bound, values) -> _Covar
     freedom = jnp.maximum(jnp.sum(root > 0) - effective, 1)
     variance = jnp.sum(residual**2) / freedom
     matrix = variance * c.T @ coloured @ c
-    place = jnp.argsort(last)
-    matrix, lost = matrix[place][:, place], lost[place]
     unknown = at_bound | lost
     matrix = jnp.where(unknown[:, None] | unknown[None, :], jnp.nan, matrix)
     matrix = jnp.where(absent[:, None] | absent[None, :], 0, matrix)
@@ -373,11 +370,11 @@ def _correlated(q: Array, phi: Scalar) -> Array:
     """q^T R q for R_ij = phi^|i-j|: the lower half of R by one pass, the upper one is the same."""
 
     def decay(carry, row):
-        before, lower = carry
-        before = phi * before + row
-        return (before, lower + jnp.outer(row, before)), None
+        before, half = carry
+        before = phi * before
+        return (before + row, half + jnp.outer(row, before + row / 2)), None
 
     size = q.shape[1]
     nothing = jnp.zeros(size, q.dtype), jnp.zeros((size, size), q.dtype)
-    (_, lower), _ = jax.lax.scan(decay, nothing, q)
-    return lower + lower.T - q.T @ q
+    (_, half), _ = jax.lax.scan(decay, nothing, q)
+    return half + half.T

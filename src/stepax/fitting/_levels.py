@@ -8,7 +8,7 @@ from .._arrays import Samples, Scalar, safe_sqrt
 from ..models._abstract import AbstractPlant
 from ..records._abstract import AbstractRecord
 from ._beside import Beside
-from ._solver import inner_products
+from ._solver import row_by_row
 
 
 class Levels(eqx.Module):
@@ -93,11 +93,12 @@ class Levels(eqx.Module):
         number, root = len(moves), safe_sqrt(w)
         across = self.final is None and self.offset is None
         d = [] if self.gain is not None else [g if self.final is None else g - 1]
-        ones = [jnp.ones_like(g)] if across else []
-        p = inner_products([root * row for row in (*moves, residual, *d, *ones)])
+        rows = row_by_row([root * row for row in (*moves, residual, *d)])
+        p = rows @ rows.T
         cost, own = p[number, number], jnp.diagonal(p)[:number]
         if across:
-            p = p - p[:, -1:] * p[-1:, :] / p[-1, -1]
+            sums = rows @ root
+            p = p - sums[:, None] * sums[None, :] / jnp.sum(w)
         by_residual = p[:number, number]
         normal = amplitude**2 * p[:number, :number]
         if d:

@@ -211,14 +211,22 @@ def derivatives(function, x: Float[Array, " p"]) -> Float[Array, "p residuals"]:
 def inner_products(rows: list[Float[Array, " residuals"]]) -> Float[Array, "rows rows"]:
     """Sums of the products of all pairs.
 
-    On a CPU a matrix product adds four times faster than single sums. The rows are written into it
-    one by one: of a `stack` XLA computes, for each of its elements, what all rows are made of, and
-    of a sum over a contour that is twenty times the work.
+    On a CPU a matrix product adds four times faster than single sums.
+    """
+    matrix = row_by_row(rows)
+    return matrix @ matrix.T
+
+
+def row_by_row(rows: list[Float[Array, " residuals"]]) -> Float[Array, "rows residuals"]:
+    """The rows as a matrix, written into it one by one.
+
+    Of a `stack` XLA computes, for each of its elements, what all rows are made of, and of a sum
+    over a contour that is twenty times the work.
     """
     matrix = jnp.zeros((len(rows), rows[0].size), rows[0].dtype)
     for place, row in enumerate(jax.lax.optimization_barrier(rows)):
         matrix = matrix.at[place].set(row)
-    return matrix @ matrix.T
+    return matrix
 
 
 def free_parameters(y, gradient, lower, upper) -> Bool[Array, " p"]:

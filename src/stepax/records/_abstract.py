@@ -35,6 +35,10 @@ class AbstractRecord(eqx.Module):
     by_row: ClassVar[tuple[str, ...]] = ("t", "y")
     rows_can_go: ClassVar[bool] = True
 
+    # Times and input, where they can stay as they are with a stand-in for the output of a record that
+    # is refused (see `usable_record`).
+    of_input: ClassVar[tuple[str, ...]] = ()
+
     @property
     def count(self) -> Count | int:
         """Number of rows that count; of a compact record (see `compact`)."""
@@ -100,8 +104,8 @@ class AbstractRecord(eqx.Module):
         """What may be wrong with the input of a compact record."""
 
     @abc.abstractmethod
-    def stand_in(self, t: Samples, y: Samples) -> Any:
-        """A harmless record of the same form, with these times and outputs."""
+    def stand_in(self, t: Samples) -> Any:
+        """A harmless record of the same form, with these times, from 0 on."""
 
     @abc.abstractmethod
     def response(self, plant: AbstractPlant, t: Any = None) -> Samples:

@@ -87,6 +87,8 @@ class StepRecord(AbstractRecord):
         self.rows = None if rows is None else as_rows(rows, f"rows {of}", t.size)
         self.weights = None if weights is None else as_weights(weights, f"weights {of}", self.t)
 
+    of_input = ("t", "step_time", "step_size", "rows")
+
     @property
     def start_time(self) -> Scalar:
         """`step_time`."""
@@ -152,12 +154,12 @@ class StepRecord(AbstractRecord):
             return nothing
         return [(self.step_time > self.t[self.last], Status.step_outside_record), *nothing]
 
-    def stand_in(self, t: Samples, y: Samples) -> "StepRecord":
+    def stand_in(self, t: Samples) -> "StepRecord":
         """A step at 0 of size 1; levels known where they are."""
         zero, one = jnp.zeros((), t.dtype), jnp.ones((), t.dtype)
         return StepRecord(
             t,
-            y,
+            1 - jnp.exp(-5 * t / t[-1]),
             zero,
             one,
             None if self.initial is None else zero,
@@ -277,18 +279,27 @@ def _replaced(record: R, *values: Any) -> R:
 
 def record_status(record: AbstractRecord) -> Status:
     """`Status.successful`, or what is wrong with the values of a compact record."""
-    numbers = record.numbers() + ([] if record.weights is None else [record.weights])
-    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]))
-    t, y = record.t, record.y
-    checks: list[tuple[Flag, Status]] = [
-        (~finite, Status.nonfinite_data),
-        (~jnp.all(jnp.diff(t) > 0), Status.time_not_increasing),
-    ]
-    checks += record.input_status()
-    checks.append((jnp.sum(record.after_step) < MIN_SAMPLES, Status.too_few_samples))
-    if t.size:
-        after = jnp.where(record.after_step, y, y[-1])
+    weights = [] if record.weights is None else [record.weights]
+    checks = _checks(record, record.numbers() + weights)
+    if record.t.size:
+        after = jnp.where(record.after_step, record.y, record.y[-1])
         checks.append((jnp.max(after) == jnp.min(after), Status.constant_output))
+    return _first(checks)
+
+
+def _checks(record: AbstractRecord, numbers: list[Array]) -> list[tuple[Flag, Status]]:
+    """What may be wrong with these numbers of a record, and with its times and input."""
+    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]))
+    return [
+        (~finite, Status.nonfinite_data),
+        (~jnp.all(jnp.diff(record.t) > 0), Status.time_not_increasing),
+        *record.input_status(),
+        (jnp.sum(record.after_step) < MIN_SAMPLES, Status.too_few_samples),
+    ]
+
+
+def _first(checks: list[tuple[Flag, Status]]) -> Status:
+    """The first that is wrong."""
     status = Status.successful
     for wrong, reason in reversed(checks):
         status = Status.where(wrong, reason, status)
@@ -299,17 +310,27 @@ def usable_record(record: R) -> tuple[Status, R]:
     """Status of a record, and the record, compact, or where it is refused a harmless stand-in.
 
     Numerical code runs on the stand-in without a NaN or an endless loop; its result is discarded.
+    Times and input stay where nothing is wrong with them: what follows from them alone is computed
+    once for all records of a batch that share them.
     """
-    record = compact(record)
+    record = compact(record).plain
     status = record_status(record)
-    bad = refused(status)
     count = max(record.t.size, MIN_SAMPLES)
-    t = jnp.arange(count, dtype=record.t.dtype)
-    stand_in = record.stand_in(t, 1 - jnp.exp(-5 * t / count))
+    stand_in = record.stand_in(jnp.arange(count, dtype=record.t.dtype))
     if record.t.size < MIN_SAMPLES:
         return status, stand_in
-    pick = lambda a, b: jnp.where(bad, a, b)  # noqa: E731
-    return status, jax.tree.map(pick, stand_in, record.plain)
+    bad = refused(status)
+    usable = jax.tree.map(lambda a, b: jnp.where(bad, a, b), stand_in, record)
+    names = [name for name in record.of_input if getattr(record, name) is not None]
+    if names:
+        of = lambda record: [getattr(record, name) for name in names]  # noqa: E731
+        lost = refused(_first(_checks(record, of(record))))
+        kept = [jnp.where(lost, a, b) for a, b in zip(of(stand_in), of(record), strict=True)]
+        usable = eqx.tree_at(of, usable, kept)
+        rise = 1 - jnp.exp(-5 * jnp.maximum(usable.elapsed, 0) / usable.duration)
+        y = jnp.where(bad, rise, record.y)
+        usable = eqx.tree_at(lambda record: record.y, usable, y)
+    return status, usable
 
 
 def predict(model: AbstractPlant, record: AbstractRecord, t: Any = None) -> Samples:
