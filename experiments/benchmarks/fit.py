@@ -184,7 +184,7 @@ def evaluation(family, everything, evaluations, t, y, T, r, delay, n):
     fit = Problem.of(StepRecord(t, y), family(T=T, r=r, n=n, delay=delay), jnp.ones_like(y), known)
 
     def again(_, x):
-        return x * (1 + 1e-9 * jnp.tanh(jnp.sum(fit.products(x))))
+        return x * (1 + 1e-9 * jnp.tanh(jnp.sum(fit.products(x, fit.first_near)[0])))
 
     return jax.lax.fori_loop(0, evaluations, again, fit.start())
 

@@ -27,7 +27,7 @@ Fewer vectorise worse, more are slower for want of cache: see `benchmarks/method
 class Search(NamedTuple):
     """A problem, a start within bounds, and the solver; nothing is done unless it is `wanted`.
 
-    A search that cannot get below the cost to `beat` is given up.
+    A search that cannot get below the cost to `beat` is given up. `near`: see the solver.
     """
 
     problem: Any
@@ -36,17 +36,22 @@ class Search(NamedTuple):
     upper: Array
     solver: BoundedLevenbergMarquardt
     wanted: Flag
+    near: Any
     beat: Scalar | float = np.inf
 
 
 class Ended(NamedTuple):
-    """Where a search ended, whether it converged there, the number of its steps, cost and J^T J."""
+    """Where a search ended, whether it converged there, the number of its steps, cost and J^T J.
+
+    `near`: what the solver knew there.
+    """
 
     x: Array
     converged: Flag
     steps: Count
     cost: Scalar
     matrix: Float[Array, "p p"]
+    near: Any
 
 
 def run_search(search: Search, options: dict[str, Any], max_steps: int) -> Ended:
@@ -110,12 +115,13 @@ class _Lane(NamedTuple):
         """What comes of a search."""
         search = self.whole(leaves)
         x = jnp.clip(y, search.lower, search.upper)
-        return Ended(x, state.converged & ~state.failed, steps, state.cost, state.matrix)
+        converged = state.converged & ~state.failed
+        return Ended(x, converged, steps, state.cost, state.matrix, state.near)
 
     def _arguments(self, search: Search) -> tuple[Any, Array, Any, dict[str, Any]]:
-        bounds = {"lower": search.lower, "upper": search.upper, "beat": search.beat}
+        own = {name: getattr(search, name) for name in ("lower", "upper", "beat", "near")}
         residual = lambda x, problem: (problem.residual(x), None)  # noqa: E731
-        return residual, search.start, search.problem, self.options | bounds
+        return residual, search.start, search.problem, self.options | own
 
 
 def _queue(lane: _Lane, leaves: list[Array], batched: tuple[bool, ...], size: int) -> Ended:
@@ -125,7 +131,7 @@ def _queue(lane: _Lane, leaves: list[Array], batched: tuple[bool, ...], size: in
     step = jax.vmap(lane.step, in_axes=(axes, 0, 0))
     end = jax.vmap(lane.end, in_axes=(axes, 0, 0, 0))
     wanted = jax.vmap(lambda x: lane.whole(x).wanted, in_axes=(axes,), axis_size=size)(leaves)
-    count, queue = jnp.sum(wanted), jnp.argsort(~wanted)  # those that are wanted first
+    count, (queue,) = jnp.sum(wanted), jnp.nonzero(wanted, size=size)
     places = max(4, SAMPLES_AT_ONCE // lane.rows)
     places = size if size <= 2 * places else places  # few would leave most places empty in the end
 
@@ -144,7 +150,8 @@ def _queue(lane: _Lane, leaves: list[Array], batched: tuple[bool, ...], size: in
             results,
             end(own, y, state, steps),
         )
-        turn = waiting + jnp.cumsum(ended) - 1
+        before = np.tri(places, dtype=bool)  # a sum over few is one loop, `cumsum` five
+        turn = waiting + jnp.sum(before & ended, axis=1) - 1
         enters = ended & (turn < count)
         lanes = jnp.where(enters, queue[jnp.minimum(turn, size - 1)], lanes)
         fresh = (*begin(of(lanes)), jnp.zeros_like(steps))
@@ -153,8 +160,8 @@ def _queue(lane: _Lane, leaves: list[Array], batched: tuple[bool, ...], size: in
             fresh,
             (y, state, steps),
         )
-        places = lanes, (busy & ~ended) | enters, y, state, steps
-        return places, waiting + jnp.sum(ended), results
+        at_work = lanes, (busy & ~ended) | enters, y, state, steps
+        return at_work, waiting + jnp.sum(ended), results
 
     lanes, none = queue[:places], jnp.zeros(places, int)
     start, state = jax.vmap(lane.begin, in_axes=(axes,), axis_size=size)(leaves)

@@ -1,5 +1,7 @@
 """Gain and offset of a fit: known, tied by a known final level, or found by regression."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -9,6 +11,13 @@ from ..models._abstract import AbstractPlant
 from ..records._abstract import AbstractRecord
 from ._beside import Beside
 from ._solver import row_by_row
+
+
+class Near(NamedTuple):
+    """Levels at some point of a search, in units of the output."""
+
+    offset: Scalar
+    amplitude: Scalar
 
 
 class Levels(eqx.Module):
@@ -76,41 +85,53 @@ class Levels(eqx.Module):
         return mean_y - amplitude * mean_g, amplitude
 
     def products(
-        self, w: Samples, g: Samples, amplitude: Scalar, residual: Samples, moves: list[Samples]
-    ) -> Float[Array, "rows rows"]:
+        self, w: Samples, y: Samples, g: Samples, moves: list[Samples], near: Near, unit: Scalar
+    ) -> tuple[Float[Array, "rows rows"], Near]:
         r"""Inner products of the derivatives of the residual, where g moves, and of itself, last.
 
-        The residual is r = y - offset - amplitude g, both by `regression`. With d the part of g
-        that this has the amplitude of, across a free offset as all that follows, and h a move,
+        The residual is r = y - offset - amplitude g in a unit, both levels of least squares: these
+        come second. With a the amplitude in that unit, d the part of g that this belongs to, across
+        a free offset as all that follows, and h a move,
 
         $$ r' = -a \left(h - \frac{\langle d, h\rangle}{\langle d, d\rangle} d\right)
                 - \frac{\langle r, h\rangle}{\langle d, d\rangle} d, \qquad
            \langle r, d \rangle = 0 $$
 
         (Golub and Pereyra 1973), weights w in the inner products. All follow from those of the
-        plain rows, one product of matrices: to compute the rows r' first takes twice the time.
+        plain rows, one product of matrices, among them the residual of the levels `near`: what
+        lacks there is a combination of d and a constant. So they hold for any, and to all digits
+        where it is near; no cost is less than the rounding of what it was computed from.
         """
         number, root = len(moves), safe_sqrt(w)
-        across = self.final is None and self.offset is None
-        d = [] if self.gain is not None else [g if self.final is None else g - 1]
-        rows = row_by_row([root * row for row in (*moves, residual, *d)])
-        p = rows @ rows.T
-        cost, own = p[number, number], jnp.diagonal(p)[:number]
+        offset, amplitude = near
+        amplitude = amplitude if self.gain is None else self.step * self.gain
+        across = self.offset is None and self.final is None
+        if self.final is not None:
+            offset, g = self.final, g - 1
+        elif self.offset is not None:
+            offset = self.offset
+        residual, a = (y - offset - amplitude * g) / unit, amplitude / unit
+        rows = row_by_row([root * row for row in (*moves, residual, g)])
+        p, sums, count = rows @ rows.T, rows @ root, jnp.sum(w)
+        length = jnp.diagonal(p)
         if across:
-            sums = rows @ root
-            p = p - sums[:, None] * sums[None, :] / jnp.sum(w)
-        by_residual = p[:number, number]
-        normal = amplitude**2 * p[:number, :number]
-        if d:
-            square, by_d = p[number + 1, number + 1], p[:number, number + 1]
-            square = jnp.where(square > 0, square, 1)
-            normal = normal - amplitude**2 * by_d[:, None] * by_d[None, :] / square
-            normal = normal + by_residual[:, None] * by_residual[None, :] / square
-        # what rounding may leave of a difference must not be negative
-        normal = normal + jnp.diag(8 * jnp.finfo(g.dtype).eps * amplitude**2 * own)
-        gradient = -amplitude * by_residual
+            p = p - sums[:, None] * sums[None, :] / count
+        h, r, d = slice(number), number, number + 1
+        inverse = 1 / jnp.where(p[d, d] > 0, p[d, d], 1) if self.gain is None else 0.0
+        more = p[r, d] * inverse  # of the amplitude
+        a, by_residual = a + more, p[h, r] - more * p[h, d]
+        cost = p[r, r] - more * p[r, d]
+        normal = a**2 * (p[h, h] - inverse * p[h, d, None] * p[None, h, d])
+        normal = normal + inverse * by_residual[:, None] * by_residual[None, :]
+        eps = jnp.finfo(g.dtype).eps  # what rounding may leave of a difference
+        normal = normal + jnp.diag(8 * eps * a**2 * length[h])
+        cost = jnp.maximum(cost, eps * length[r])
+        if across:
+            offset = offset + unit * (sums[r] - more * sums[d]) / count
+        gradient = -a * by_residual
         last = jnp.append(gradient, cost)
-        return jnp.block([[normal, gradient[:, None]], [last]])
+        products = jnp.block([[normal, gradient[:, None]], [last]])
+        return products, Near(offset, unit * a)
 
 
 def _slope(w: Samples, x: Samples, y: Samples) -> Scalar:

@@ -14,6 +14,7 @@ from .._arrays import Count, Flag, Scalar, still
 from .._compilation import FORM
 from ._individual_lags import curvature, in_order, means_of_equal, retract
 from ._lanes import Search, run_search
+from ._levels import Near
 from ._problem import Problem
 from ._solver import BoundedLevenbergMarquardt, damped_step, free_parameters, solve_positive
 
@@ -69,7 +70,8 @@ def optimum(problem: Problem, start: Array, solver, max_steps: int) -> Optimum:
 
 def _anywhere(problem: Problem, start: Array, solver, max_steps, wanted) -> tuple[Optimum, Array]:
     """The optimum from a start, and its cost."""
-    return _solve(problem, start, *problem.bounds(), solver, max_steps, wanted)[:2]
+    near = problem.first_near
+    return _solve(problem, start, *problem.bounds(), solver, max_steps, wanted, near)[:2]
 
 
 def _from_two_starts(
@@ -99,14 +101,16 @@ def _from_two_starts(
 class _Sweep(NamedTuple):
     """Searches between samples so far: where they are centred, the best, the cell it lies in.
 
-    `matrix`: J^T J of the best. `goes_on`: whether to the left, and to the right. `number` of
-    searches: the first estimate, its own cell, then one to the left, one to the right, and so on.
+    `matrix`: J^T J of the best; `near`: what the solver knew there. `goes_on`: whether to the left,
+    and to the right. `number` of searches: the first estimate, its own cell, then one to the left,
+    one to the right, and so on.
     """
 
     centre: Array
     best: Optimum
     cost: Array
     matrix: Array
+    near: Near
     cell: Count
     steps: Count
     goes_on: Array
@@ -139,13 +143,17 @@ def _between_samples(
         begin = jnp.clip(jnp.where(jnp.isinf(so_far.cost), so_far.centre, valley), low, high)
         # of equal costs the smaller dead time, although rounding may decide for another
         beat = so_far.cost * (1 + jnp.where(cell < so_far.cell, tie, -tie))
-        found, cost, matrix = _solve(problem, begin, low, high, within, max_steps, looks, beat)
+        near = so_far.near
+        found, cost, there, levels = _solve(
+            problem, begin, low, high, within, max_steps, looks, near, beat
+        )
         better = ~first & looks & (cost < beat)
         best, least, matrix, best_cell = jax.tree.map(
             lambda new, old: jnp.where(better, new, old),
-            (found, cost, matrix, cell),
+            (found, cost, there, cell),
             (so_far.best, so_far.cost, so_far.matrix, so_far.cell),
         )
+        near = jax.tree.map(lambda new, old: jnp.where(better | first, new, old), levels, near)
         # before the first row there is one interval, if only of no dead time
         more = jnp.stack([right > earliest, right < upper[place]])
         beyond = more & (cost <= excluded * least)
@@ -154,6 +162,7 @@ def _between_samples(
             best=best,
             cost=least,
             matrix=matrix,
+            near=near,
             cell=best_cell,
             steps=jnp.where(first, found.steps, so_far.steps),
             goes_on=jnp.where(side & looks, beyond, so_far.goes_on),
@@ -165,7 +174,7 @@ def _between_samples(
     no_matrix = jnp.eye(start.size, dtype=start.dtype)
     both = jnp.stack([wanted, wanted])
     zero = jnp.array(0)
-    none = _Sweep(start, nothing, infinite, no_matrix, zero, zero, both, zero)
+    none = _Sweep(start, nothing, infinite, no_matrix, problem.first_near, zero, zero, both, zero)
     end = jax.lax.while_loop(
         lambda x: jnp.any(x.goes_on) & (x.number < 2 * (REACH + 1)), search, none
     )
@@ -183,19 +192,27 @@ def _along_the_valley(so_far: _Sweep, place: int, low: Array, high: Array) -> Ar
 
 
 def _solve(
-    problem, start, lower, upper, solver, max_steps, wanted, beat: Scalar | float = np.inf
-) -> tuple[Optimum, Array, Array]:
-    """The optimum within bounds, its cost and J^T J; the start where it is not `wanted`.
+    problem,
+    start,
+    lower,
+    upper,
+    solver,
+    max_steps,
+    wanted,
+    near: Near,
+    beat: Scalar | float = np.inf,
+) -> tuple[Optimum, Array, Array, Near]:
+    """The optimum within bounds, its cost, J^T J and levels; the start where it is not `wanted`.
 
-    One that cannot get below the cost to `beat` need not be found.
+    One that cannot get below the cost to `beat` need not be found. `near`: levels to begin with.
     """
     options = {"products": Problem.products}
     if problem.individual and start.size > 1:
         options |= {"curvature": curvature, "retract": retract}
     if isinstance(solver, BoundedLevenbergMarquardt):
-        search = Search(problem, start, lower, upper, solver, wanted, beat)
-        x, converged, steps, cost, matrix = run_search(search, options, max_steps)
-        return Optimum(x, converged, steps), cost, matrix
+        search = Search(problem, start, lower, upper, solver, wanted, near, beat)
+        end = run_search(search, options, max_steps)
+        return Optimum(end.x, end.converged, end.steps), end.cost, end.matrix, end.near
     solution = optx.least_squares(
         lambda x, problem: problem.residual(x),
         solver,
@@ -208,7 +225,7 @@ def _solve(
     x = jnp.clip(jnp.stack(solution.value), lower, upper)
     converged = solution.result == optx.RESULTS.successful
     nothing = jnp.zeros((), x.dtype), jnp.eye(x.size, dtype=x.dtype)  # which nobody asks for
-    return Optimum(x, converged, solution.stats["num_steps"]), *nothing
+    return Optimum(x, converged, solution.stats["num_steps"]), *nothing, near
 
 
 def _cell(
@@ -261,7 +278,7 @@ def _move(problem: Problem, x: Array, change_of_problem) -> Array:
     """How the optimum moves."""
 
     def gradient(x, problem):
-        products = problem.products(x)
+        products, _ = problem.products(x)
         return products[:-1, -1], products
 
     lower, upper = problem.bounds()

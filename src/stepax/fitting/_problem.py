@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._arrays import Coordinates, Flag, Samples, Scalar, computed_once, safe_sqrt
+from .._arrays import Coordinates, Flag, Samples, Scalar, computed_once, safe_sqrt, still
 from .._status import Status
 from ..models._abstract import AbstractPlant, ScalarParameter
 from ..models._contour import accuracy
@@ -17,7 +17,7 @@ from ..records._abstract import AbstractRecord
 from ..records._record import usable_record, with_weights
 from ._beside import Beside
 from ._families import AbstractFamily, family_of
-from ._levels import Levels
+from ._levels import Levels, Near
 from ._prior import Prior
 from ._solver import inner_products
 
@@ -240,10 +240,17 @@ class Problem(eqx.Module):
         """Sum of the squares of the residuals, in units of the range; g as in `errors`."""
         return jnp.sum(self.residual(x, g) ** 2)
 
-    def products(self, x: Array) -> Float[Array, "rows rows"]:
+    @property
+    def first_near(self) -> Near:
+        """Levels from which those of a first evaluation are not far: see `Levels.products`."""
+        return Near(self.record.y[0], jnp.zeros_like(self.record.y[0]))
+
+    def products(self, x: Array, near: Near | None = None) -> tuple[Float[Array, "k k"], Near]:
         """Inner products of the derivatives of the residuals, and of themselves, last.
 
-        A dead time and the logarithm of the unit of time both move the response along its slope.
+        They are computed from levels `near`, those at x where there are none, and come with what
+        serves the next evaluation. A dead time and the logarithm of the unit of time both move the
+        response along its slope.
         """
         own = np.flatnonzero(self.own_free)
         scaling = [k for k, i in enumerate(own) if self.family.scaling[i]]
@@ -255,14 +262,14 @@ class Problem(eqx.Module):
         if self.free_delay:
             moves[self.delay_place] = self.record.duration * by_delay
         if self.threshold is None and not self.record.seeks_beside:
-            offset, amplitude = self.levels(x, g)
-            residual = (self.record.y - offset - amplitude * g) / self.range
-            rows, relative = [moves[k] for k in range(x.size)], amplitude / self.range
-            return self.known_levels.products(self.weights, g, relative, residual, rows)
+            near = still(Near(*self.levels(x, g))) if near is None else near
+            rows = [moves[k] for k in range(x.size)]
+            data = self.weights, self.record.y
+            return self.known_levels.products(*data, g, rows, near, self.range)
         residual, change = jax.linearize(self.residual, x, g)
-        unit, still = jnp.eye(x.size, dtype=x.dtype), jnp.zeros_like(g)
-        rows = [change(unit[k], moves.get(k, still)) for k in range(x.size)]
-        return inner_products([*rows, residual])
+        unit, zero = jnp.eye(x.size, dtype=x.dtype), jnp.zeros_like(g)
+        rows = [change(unit[k], moves.get(k, zero)) for k in range(x.size)]
+        return inner_products([*rows, residual]), self.first_near if near is None else near
 
     def _change(self, k: int, x: Array) -> dict[str, Array]:
         """How the own parameters move with one coordinate."""

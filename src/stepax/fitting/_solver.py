@@ -34,6 +34,7 @@ class _State(eqx.Module):
     growth: Scalar
     converged: Flag
     failed: Flag
+    near: PyTree
 
 
 class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
@@ -52,9 +53,11 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     a function of (args, y), adds $\sum_i r_i \nabla^2 r_i$ to the normal matrix, whose negative
     eigenvalues then count as positive ones; `options["retract"]`, a function of (args, y, step),
     gives the end of a step on the curve that follows the valley, with the step as its tangent.
-    `options["products"]`, a function of (args, y), gives the inner products of the derivatives of
-    the residuals, and of these last, where a caller has a shorter way to them. `options["beat"]`: a
-    cost that the result is to get below; the search fails where that is out of reach.
+    `options["products"]`, a function of (args, y, near), gives the inner products of the
+    derivatives of the residuals, and of these last, where a caller has a shorter way to them; and
+    what it wants to know at points near by, `near`, of which `options["near"]` is the first.
+    `options["beat"]`: a cost that the result is to get below; the search fails where that is out of
+    reach.
 
     Parameters are a tuple of numbers, or a row of them. With a tuple, the derivative in one does
     not compute what depends on the others alone. Bounds come in `options`: `dict(lower=...,
@@ -81,6 +84,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             growth=number + 2,
             converged=jnp.array(False),
             failed=jnp.array(False),
+            near=options.get("near"),
         )
 
     def step(self, fn, y, args, options, state, tags) -> tuple[PyTree, _State, PyTree]:
@@ -88,7 +92,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         del tags
         lower, upper = options["lower"], options["upper"]
         new, like, y = state.candidate, y, jnp.stack(list(y))
-        products, aux = _evaluated(fn, new, like, args, options)
+        products, near, aux = _evaluated(fn, new, like, args, options, state.near)
         cost = 0.5 * products[-1, -1]
         cost = jnp.where(jnp.isfinite(cost), cost, jnp.inf)
         # Below rounding of the cost the gradient alone tells: such a step is taken on its word.
@@ -107,6 +111,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         if curved:
             normal = _positive(normal, options["curvature"](args, new), lower < upper)
         matrix = jnp.where(better, normal, state.matrix)
+        near = jax.tree.map(lambda a, b: jnp.where(better, a, b), near, state.near)
 
         free = free_parameters(y, gradient, lower, upper)
         full = damped_step(matrix, gradient, free, jnp.zeros_like(damping))
@@ -126,11 +131,11 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         hopeless = cost - HOPE * promised > options.get("beat", jnp.inf)
         converged, failed = finite & (good | stalled) & ~hopeless, ~finite | hopeless
         new_state = _State(
-            candidate, predicted, cost, gradient, matrix, damping, growth, converged, failed
+            candidate, predicted, cost, gradient, matrix, damping, growth, converged, failed, near
         )
         # A short step that promises next to nothing is taken without a last look. Short is a
         # cube root: a quadratic model errs by its cube, which is rtol then.
-        short = jnp.max(jnp.abs(move)) <= self.rtol ** (1 / 3)
+        short = jnp.max(jnp.abs(move)) ** 3 <= self.rtol
         y = jnp.where(finite & good & short, candidate, y)
         return _similar(y, like), new_state, aux
 
@@ -145,7 +150,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         """
         eps = jnp.finfo(y.dtype).eps
         tiny = (damping > 1 / eps) | (jnp.max(jnp.abs(move)) <= eps * jnp.max(jnp.abs(y)))
-        kink = (damping > 1) & (predicted <= self.rtol**0.75 * cost)
+        kink = (damping > 1) & (predicted <= jnp.sqrt(self.rtol * jnp.sqrt(self.rtol)) * cost)
         little = self.rtol / 10 * cost
         return tiny | kink | ((predicted <= little) & (decrease <= little))
 
@@ -165,13 +170,13 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         return y, aux, {}
 
 
-def _evaluated(fn, new, like, args, options) -> tuple[Array, PyTree]:
-    """Inner products of derivatives and residuals at a point, and what else `fn` gives."""
+def _evaluated(fn, new, like, args, options, near) -> tuple[Array, PyTree, PyTree]:
+    """Inner products of derivatives and residuals at a point, and what else comes with them."""
     if "products" in options:
-        return options["products"](args, new), None
+        return *options["products"](args, new, near), None
     residual, aux = fn(_similar(new, like), args)
     jacobian = derivatives(lambda *x: fn(_similar(jnp.stack(x), like, x), args)[0], new)
-    return inner_products([*jacobian, residual]), aux
+    return inner_products([*jacobian, residual]), near, aux
 
 
 def _next_damping(state: _State, cost: Scalar, better: Flag, curved: bool) -> tuple[Scalar, Scalar]:

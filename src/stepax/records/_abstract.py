@@ -35,8 +35,8 @@ class AbstractRecord(eqx.Module):
     by_row: ClassVar[tuple[str, ...]] = ("t", "y")
     rows_can_go: ClassVar[bool] = True
 
-    # Times and input, where they can stay as they are with a stand-in for the output of a record that
-    # is refused (see `usable_record`).
+    # Times and input, where they can stay as they are beside a stand-in for the output of a record
+    # that is refused (see `usable_record`).
     of_input: ClassVar[tuple[str, ...]] = ()
 
     @property
