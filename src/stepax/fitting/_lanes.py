@@ -151,7 +151,7 @@ def _queue(lane: _Lane, leaves: list[Array], batched: tuple[bool, ...], size: in
             end(own, y, state, steps),
         )
         before = np.tri(places, dtype=bool)  # a sum over few is one loop, `cumsum` five
-        turn = waiting + jnp.sum(before & ended, axis=1) - 1
+        turn = waiting + jnp.sum(before & ended[None, :], axis=1) - 1
         enters = ended & (turn < count)
         lanes = jnp.where(enters, queue[jnp.minimum(turn, size - 1)], lanes)
         fresh = (*begin(of(lanes)), jnp.zeros_like(steps))
