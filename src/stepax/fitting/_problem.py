@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._arrays import Coordinates, Flag, Samples, Scalar, computed_once, safe_sqrt, still
+from .._arrays import Coordinates, Flag, Samples, Scalar, safe_sqrt, still
 from .._status import Status
 from ..models._abstract import AbstractPlant, ScalarParameter
 from ..models._contour import accuracy
@@ -256,8 +256,7 @@ class Problem(eqx.Module):
         scaling = [k for k, i in enumerate(own) if self.family.scaling[i]]
         others = [k for k in range(own.size) if k not in scaling]
         plant, changes = self.shape(x), [self._change(k, x) for k in others]
-        g, *moves = self.record.response_slopes(plant, changes)
-        g, by_delay, by_unit, *moved = computed_once(g, *jax.tree.leaves(moves))
+        g, by_delay, by_unit, moved = self.record.response_slopes(plant, changes)
         moves = dict(zip(others, moved, strict=True)) | dict.fromkeys(scaling, by_unit)
         if self.free_delay:
             moves[self.delay_place] = self.record.duration * by_delay

@@ -54,9 +54,10 @@ def first_order_response(t: Float[Array, "*shape"], T: Scalar) -> Float[Array, "
 def first_order_slopes(t: Array, T: Scalar, changes: Sequence[Scalar]) -> Slopes:
     """The response and its slopes from one exponential; `changes` of T."""
     started, t = _after_start(t)
-    x = t / T
+    rate = 1 / T
+    x = rate * t
     left = jnp.exp(-x)  # half the time of `expm1`; g is as accurate as a unit of 1
-    slope = jnp.where(started, left / T, 0)
+    slope = jnp.where(started, rate * left, 0)
     return Slopes(
         jnp.where(started, 1 - left, 0), slope, [-x * slope * change for change in changes]
     )
