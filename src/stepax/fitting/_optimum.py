@@ -71,7 +71,8 @@ def optimum(problem: Problem, start: Array, solver, max_steps: int) -> Optimum:
 def _anywhere(problem: Problem, start: Array, solver, max_steps, wanted) -> tuple[Optimum, Array]:
     """The optimum from a start, and its cost."""
     near = problem.first_near
-    return _solve(problem, start, *problem.bounds(), solver, max_steps, wanted, near)[:2]
+    found = _solve(problem, start, *problem.bounds(), solver, max_steps, wanted, near)
+    return found.optimum, found.cost
 
 
 def _from_two_starts(
@@ -98,19 +99,25 @@ def _from_two_starts(
     return jax.lax.scan(better, nothing, jnp.array([False, True]))[0]
 
 
-class _Sweep(NamedTuple):
-    """Searches between samples so far: where they are centred, the best, the cell it lies in.
+class _Found(NamedTuple):
+    """The end of a search, with the cost, J^T J and levels there."""
 
-    `matrix`: J^T J of the best; `near`: what the solver knew there. `goes_on`: whether to the left,
-    and to the right. `number` of searches: the first estimate, its own cell, then one to the left,
-    one to the right, and so on.
-    """
-
-    centre: Array
-    best: Optimum
+    optimum: Optimum
     cost: Array
     matrix: Array
     near: Near
+
+
+class _Sweep(NamedTuple):
+    """Searches between samples so far: where they are centred, the best, the cell it lies in.
+
+    `goes_on`: whether to the left, and to the right. `number` of searches: the first estimate, its
+    own cell, then one to the left, one to the right, and so on. That estimate is no optimum within
+    a cell: as the best so far it has an infinite cost.
+    """
+
+    centre: Array
+    best: _Found
     cell: Count
     steps: Count
     goes_on: Array
@@ -140,31 +147,25 @@ def _between_samples(
         low, high = lower.at[place].set(left), upper.at[place].set(right)
         within = eqx.tree_at(lambda s: s.rtol, solver, jnp.where(first, loose, solver.rtol))
         valley = _along_the_valley(so_far, place, low, high)
-        begin = jnp.clip(jnp.where(jnp.isinf(so_far.cost), so_far.centre, valley), low, high)
+        begin = jnp.clip(jnp.where(jnp.isinf(so_far.best.cost), so_far.centre, valley), low, high)
         # of equal costs the smaller dead time, although rounding may decide for another
-        beat = so_far.cost * (1 + jnp.where(cell < so_far.cell, tie, -tie))
-        near = so_far.near
-        found, cost, there, levels = _solve(
-            problem, begin, low, high, within, max_steps, looks, near, beat
-        )
-        better = ~first & looks & (cost < beat)
-        best, least, matrix, best_cell = jax.tree.map(
+        beat = so_far.best.cost * (1 + jnp.where(cell < so_far.cell, tie, -tie))
+        near = so_far.best.near
+        found = _solve(problem, begin, low, high, within, max_steps, looks, near, beat)
+        better = first | (looks & (found.cost < beat))
+        best, best_cell = jax.tree.map(
             lambda new, old: jnp.where(better, new, old),
-            (found, cost, there, cell),
-            (so_far.best, so_far.cost, so_far.matrix, so_far.cell),
+            (found, cell),
+            (so_far.best, so_far.cell),
         )
-        near = jax.tree.map(lambda new, old: jnp.where(better | first, new, old), levels, near)
         # before the first row there is one interval, if only of no dead time
         more = jnp.stack([right > earliest, right < upper[place]])
-        beyond = more & (cost <= excluded * least)
+        beyond = more & (found.cost <= excluded * best.cost)
         return _Sweep(
-            centre=jnp.where(first, found.x, so_far.centre),
-            best=best,
-            cost=least,
-            matrix=matrix,
-            near=near,
+            centre=jnp.where(first, found.optimum.x, so_far.centre),
+            best=best._replace(cost=jnp.where(first, jnp.inf, best.cost)),
             cell=best_cell,
-            steps=jnp.where(first, found.steps, so_far.steps),
+            steps=jnp.where(first, found.optimum.steps, so_far.steps),
             goes_on=jnp.where(side & looks, beyond, so_far.goes_on),
             number=number + 1,
         )
@@ -172,18 +173,20 @@ def _between_samples(
     nothing = Optimum(start, jnp.array(False), jnp.array(0))
     infinite = jnp.array(jnp.inf, start.dtype)
     no_matrix = jnp.eye(start.size, dtype=start.dtype)
-    both = jnp.stack([wanted, wanted])
-    zero = jnp.array(0)
-    none = _Sweep(start, nothing, infinite, no_matrix, problem.first_near, zero, zero, both, zero)
+    nowhere = _Found(nothing, infinite, no_matrix, problem.first_near)
+    both, zero = jnp.stack([wanted, wanted]), jnp.array(0)
     end = jax.lax.while_loop(
-        lambda x: jnp.any(x.goes_on) & (x.number < 2 * (REACH + 1)), search, none
+        lambda x: jnp.any(x.goes_on) & (x.number < 2 * (REACH + 1)),
+        search,
+        _Sweep(start, nowhere, zero, zero, both, zero),
     )
-    return end.best._replace(steps=end.steps + end.best.steps), end.cost
+    best = end.best.optimum
+    return best._replace(steps=end.steps + best.steps), end.best.cost
 
 
 def _along_the_valley(so_far: _Sweep, place: int, low: Array, high: Array) -> Array:
     """The best so far with its dead time moved into bounds, and what goes along with that."""
-    x, matrix = so_far.best.x, so_far.matrix
+    x, matrix = so_far.best.optimum.x, so_far.best.matrix
     move = jnp.clip(x[place], low[place], high[place]) - x[place]
     free = (low < high).at[place].set(False)
     along = damped_step(matrix, matrix[:, place] * move, free, jnp.zeros_like(move))
@@ -201,8 +204,8 @@ def _solve(
     wanted,
     near: Near,
     beat: Scalar | float = np.inf,
-) -> tuple[Optimum, Array, Array, Near]:
-    """The optimum within bounds, its cost, J^T J and levels; the start where it is not `wanted`.
+) -> _Found:
+    """The optimum within bounds; the start where it is not `wanted`.
 
     One that cannot get below the cost to `beat` need not be found. `near`: levels to begin with.
     """
@@ -212,7 +215,7 @@ def _solve(
     if isinstance(solver, BoundedLevenbergMarquardt):
         search = Search(problem, start, lower, upper, solver, wanted, near, beat)
         end = run_search(search, options, max_steps)
-        return Optimum(end.x, end.converged, end.steps), end.cost, end.matrix, end.near
+        return _Found(Optimum(end.x, end.converged, end.steps), end.cost, end.matrix, end.near)
     solution = optx.least_squares(
         lambda x, problem: problem.residual(x),
         solver,
@@ -225,7 +228,7 @@ def _solve(
     x = jnp.clip(jnp.stack(solution.value), lower, upper)
     converged = solution.result == optx.RESULTS.successful
     nothing = jnp.zeros((), x.dtype), jnp.eye(x.size, dtype=x.dtype)  # which nobody asks for
-    return Optimum(x, converged, solution.stats["num_steps"]), *nothing, near
+    return _Found(Optimum(x, converged, solution.stats["num_steps"]), *nothing, near)
 
 
 def _cell(

@@ -131,7 +131,9 @@ def _conclude(
     known: bool,
     zero: bool,
 ) -> Identification:
-    stable = (found.a1 > 0) & (found.a2 > 0) & (found.c2 > 0) & jnp.isfinite(found.c0)
+    # In units of the record: what is less, as of a ramp, is rounding of the sums.
+    least = jnp.finfo(scale.dtype).eps ** 0.5
+    stable = (found.a1 > least) & (found.a2 > least) & (found.c2 > 0) & jnp.isfinite(found.c0)
     a1, a2, c0, c1, c2 = (jnp.where(stable, x, y) for x, y in zip(found, _HARMLESS, strict=True))
     omega_n = jnp.sqrt(a2)
     zeta, omega_n = 0.5 * a1 / omega_n, omega_n / area.end
