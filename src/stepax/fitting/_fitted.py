@@ -233,11 +233,7 @@ def best_order(
         following = next_start(before, n)
         begin = jax.tree.map(lambda a, b: jnp.where(first, a, b), before, following)
         fitted = fit_from(quiet, begin)
-        usable = jnp.isfinite(fitted.score)
-        after = jax.tree.map(
-            lambda a, b: jnp.where(usable, a, b).astype(b.dtype), _found(fitted, begin), begin
-        )
-        return after, (eqx.tree_at(data, fitted, (None, None)), fitted.score)
+        return _found(fitted, begin), (eqx.tree_at(data, fitted, (None, None)), fitted.score)
 
     start = jax.tree.map(lambda x: x.astype(like) if eqx.is_inexact_array(x) else x, start)
     quiet = still(record)  # `with_derivatives` has those of the order that is kept
@@ -255,8 +251,12 @@ def best_order(
 
 
 def _found(fitted: Fitted, start: AbstractPlant) -> AbstractPlant:
-    """The start of a fit with the own parameters and the dead time that it found."""
+    """The start of a fit with the own parameters and the dead time that it found, if it did."""
+    usable = jnp.isfinite(fitted.score)
     found = still(fitted.problem.shape(fitted.x))
     names = [n for n in start.parameter_names if n not in ("gain", "offset")]
-    free = [name for name in names if name not in fitted.problem.fixed]
-    return dataclasses.replace(start, **{name: getattr(found, name) for name in free})
+    free = {name: getattr(start, name) for name in names if name not in fitted.problem.fixed}
+    after = {
+        name: jnp.where(usable, getattr(found, name), x).astype(x.dtype) for name, x in free.items()
+    }
+    return dataclasses.replace(start, **after)

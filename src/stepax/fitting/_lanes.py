@@ -4,6 +4,8 @@ Under `jax.vmap` a loop runs for all lanes until the slowest has ended. Here a f
 together, and one that has ended hands its place to the next in the queue.
 """
 
+import dataclasses
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -72,7 +74,8 @@ def run_search(search: Search, options: dict[str, Any], max_steps: int) -> Ended
     return with_batch(lane.alone, together)(leaves)
 
 
-class _Lane(NamedTuple):
+@dataclasses.dataclass
+class _Lane:
     """What all lanes have in common: how a search is made of arrays, and its loop."""
 
     whole: Callable[[list[Array]], Search]
@@ -100,8 +103,12 @@ class _Lane(NamedTuple):
         fn, start, problem, options = self._arguments(search)
         return start, search.solver.init(fn, start, problem, options, None, None, frozenset())
 
-    def step(self, leaves: list[Array], y: Array, state: Any) -> tuple[Array, Any]:
-        """One step."""
+    @functools.cached_property
+    def step(self) -> Callable[[list[Array], Array, Any], tuple[Array, Any]]:
+        """One step: traced once, however often JAX tries which parts of a loop have lanes."""
+        return jax.jit(self._step, inline=True)
+
+    def _step(self, leaves: list[Array], y: Array, state: Any) -> tuple[Array, Any]:
         search = self.whole(leaves)
         fn, _, problem, options = self._arguments(search)
         y, state, _ = search.solver.step(fn, y, problem, options, state, frozenset())

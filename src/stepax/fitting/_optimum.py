@@ -95,8 +95,16 @@ def _from_two_starts(
         )
         return (found._replace(steps=steps), cost), None
 
-    nothing = Optimum(start, jnp.array(False), jnp.array(0)), jnp.array(jnp.inf, start.dtype)
-    return jax.lax.scan(better, nothing, jnp.array([False, True]))[0]
+    return jax.lax.scan(better, _nothing(start), jnp.array([False, True]))[0]
+
+
+def _nothing(start: Array) -> tuple[Optimum, Array]:
+    """No optimum yet, at an infinite cost.
+
+    All with the lanes of the start: JAX traces a loop once more for what gets lanes within it.
+    """
+    zero = 0 * start[0]
+    return Optimum(start, zero > 0, zero.astype(int)), zero + jnp.inf
 
 
 class _Found(NamedTuple):
@@ -170,15 +178,14 @@ def _between_samples(
             number=number + 1,
         )
 
-    nothing = Optimum(start, jnp.array(False), jnp.array(0))
-    infinite = jnp.array(jnp.inf, start.dtype)
-    no_matrix = jnp.eye(start.size, dtype=start.dtype)
+    (nothing, infinite), zero = _nothing(start), jnp.array(0)
+    no_matrix = jnp.eye(start.size, dtype=start.dtype) + 0 * start[:, None]
     nowhere = _Found(nothing, infinite, no_matrix, problem.first_near)
-    both, zero = jnp.stack([wanted, wanted]), jnp.array(0)
+    both = jnp.stack([wanted, wanted]) & jnp.isinf(infinite)
     end = jax.lax.while_loop(
         lambda x: jnp.any(x.goes_on) & (x.number < 2 * (REACH + 1)),
         search,
-        _Sweep(start, nowhere, zero, zero, both, zero),
+        _Sweep(start, nowhere, nothing.steps, nothing.steps, both, zero),
     )
     best = end.best.optimum
     return best._replace(steps=end.steps + best.steps), end.best.cost
