@@ -166,8 +166,13 @@ def check_products(fit):
     rows = eqx.filter_jit(
         lambda fit, x: jnp.column_stack([jax.jacrev(fit.residual)(x), fit.residual(x)])
     )(fit, x)
-    products, _ = eqx.filter_jit(Problem.products)(fit, x)
-    np.testing.assert_allclose(products, rows.T @ rows, rtol=tolerance, atol=tolerance)
+    here, levels = eqx.filter_jit(Problem.products)(fit, x)
+    np.testing.assert_allclose(here, rows.T @ rows, rtol=tolerance, atol=tolerance)
+    # from levels that are far off by the size of the output, to the rounding of that
+    far, found = eqx.filter_jit(Problem.products)(fit, x, fit.first_near)
+    np.testing.assert_allclose(far, rows.T @ rows, rtol=100 * tolerance, atol=100 * tolerance)
+    if fit.threshold is None:
+        np.testing.assert_allclose(found, levels, rtol=100 * tolerance)
 
 
 def test_huber_is_not_drawn_by_glitches():
