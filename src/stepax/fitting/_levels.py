@@ -86,12 +86,13 @@ class Levels(eqx.Module):
 
     def products(
         self, w: Samples, y: Samples, g: Samples, moves: list[Samples], near: Near, unit: Scalar
-    ) -> tuple[Float[Array, "rows rows"], Near]:
+    ) -> tuple[Float[Array, "rows rows"], Near, Scalar]:
         r"""Inner products of the derivatives of the residual, where g moves, and of itself, last.
 
         The residual is r = y - offset - amplitude g in a unit, both levels of least squares: these
-        come second. With a the amplitude in that unit, d the part of g that this belongs to, across
-        a free offset as all that follows, and h a move,
+        come second, and by how much $\langle r, r\rangle$ may be wrong third. With a the amplitude
+        in that unit, d the part of g that this belongs to, across a free offset as all that
+        follows, and h a move,
 
         $$ r' = -a \left(h - \frac{\langle d, h\rangle}{\langle d, d\rangle} d\right)
                 - \frac{\langle r, h\rangle}{\langle d, d\rangle} d, \qquad
@@ -99,8 +100,8 @@ class Levels(eqx.Module):
 
         (Golub and Pereyra 1973), weights w in the inner products. All follow from those of the
         plain rows, one product of matrices, among them the residual of the levels `near`: what
-        lacks there is a combination of d and a constant. So they hold for any, and to all digits
-        where it is near; no cost is less than the rounding of what it was computed from.
+        lacks there is a combination of d and a constant. So they hold for any, to all digits where
+        it is near; else to the rounding of the square of that residual.
         """
         number, root = len(moves), safe_sqrt(w)
         offset, amplitude = near
@@ -123,15 +124,15 @@ class Levels(eqx.Module):
         cost = p[r, r] - more * p[r, d]
         normal = a**2 * (p[h, h] - inverse * p[h, d, None] * p[None, h, d])
         normal = normal + inverse * by_residual[:, None] * by_residual[None, :]
-        eps = jnp.finfo(g.dtype).eps  # what rounding may leave of a difference
-        normal = normal + jnp.diag(8 * eps * a**2 * length[h])
-        cost = jnp.maximum(cost, eps * length[r])
+        rounding = 8 * jnp.finfo(g.dtype).eps * length  # what it may leave of a difference
+        normal = normal + jnp.diag(a**2 * rounding[h])
+        cost = jnp.maximum(cost, rounding[r] / 8)
         if across:
             offset = offset + unit * (sums[r] - more * sums[d]) / count
         gradient = -a * by_residual
         last = jnp.append(gradient, cost)
         products = jnp.block([[normal, gradient[:, None]], [last]])
-        return products, Near(offset, unit * a)
+        return products, Near(offset, unit * a), rounding[r]
 
 
 def _slope(w: Samples, x: Samples, y: Samples) -> Scalar:

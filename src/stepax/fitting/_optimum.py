@@ -103,7 +103,7 @@ def _nothing(start: Array) -> tuple[Optimum, Array]:
 
     All with the lanes of the start: JAX traces a loop once more for what gets lanes within it.
     """
-    zero = 0 * start[0]
+    zero = jnp.where(start[0] > 0, 0, jnp.zeros_like(start[0]))
     return Optimum(start, zero > 0, zero.astype(int)), zero + jnp.inf
 
 
@@ -216,12 +216,12 @@ def _solve(
 
     One that cannot get below the cost to `beat` need not be found. `near`: levels to begin with.
     """
-    options = {"products": Problem.products}
+    options = {}
     if problem.individual and start.size > 1:
         options |= {"curvature": curvature, "retract": retract}
     if isinstance(solver, BoundedLevenbergMarquardt):
         search = Search(problem, start, lower, upper, solver, wanted, near, beat)
-        end = run_search(search, options, max_steps)
+        end = run_search(search, options | {"products": Problem.products}, max_steps)
         return _Found(Optimum(end.x, end.converged, end.steps), end.cost, end.matrix, end.near)
     solution = optx.least_squares(
         lambda x, problem: problem.residual(x),
@@ -288,7 +288,7 @@ def _move(problem: Problem, x: Array, change_of_problem) -> Array:
     """How the optimum moves."""
 
     def gradient(x, problem):
-        products, _ = problem.products(x)
+        products, *_ = problem.products(x)
         return products[:-1, -1], products
 
     lower, upper = problem.bounds()

@@ -242,15 +242,17 @@ class Problem(eqx.Module):
 
     @property
     def first_near(self) -> Near:
-        """Levels from which those of a first evaluation are not far: see `Levels.products`."""
+        """Levels to begin a search with: off by no more than the range of the output."""
         return Near(self.record.y[0], jnp.zeros_like(self.record.y[0]))
 
-    def products(self, x: Array, near: Near | None = None) -> tuple[Float[Array, "k k"], Near]:
+    def products(
+        self, x: Array, near: Near | None = None
+    ) -> tuple[Float[Array, "k k"], Near, Scalar]:
         """Inner products of the derivatives of the residuals, and of themselves, last.
 
         They are computed from levels `near`, those at x where there are none, and come with what
-        serves the next evaluation. A dead time and the logarithm of the unit of time both move the
-        response along its slope.
+        serves the next evaluation, and by how much the last may be wrong. A dead time and the
+        logarithm of the unit of time both move the response along its slope.
         """
         own = np.flatnonzero(self.own_free)
         scaling = [k for k, i in enumerate(own) if self.family.scaling[i]]
@@ -268,7 +270,8 @@ class Problem(eqx.Module):
         residual, change = jax.linearize(self.residual, x, g)
         unit, zero = jnp.eye(x.size, dtype=x.dtype), jnp.zeros_like(g)
         rows = [change(unit[k], moves.get(k, zero)) for k in range(x.size)]
-        return inner_products([*rows, residual]), self.first_near if near is None else near
+        near = self.first_near if near is None else near
+        return inner_products([*rows, residual]), near, jnp.zeros_like(g[0])
 
     def _change(self, k: int, x: Array) -> dict[str, Array]:
         """How the own parameters move with one coordinate."""

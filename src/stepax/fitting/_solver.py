@@ -18,6 +18,9 @@ REFUSED = 0.1
 DAMPED = 1e-3
 """Damping of the first step."""
 
+SURE = 1e-4
+"""Share of the cost to which it must be known for a search to end there."""
+
 HOPE = 30.0
 """Times the decrease of the cost that a full step promises: what may be left of it at best."""
 
@@ -35,6 +38,7 @@ class _State(eqx.Module):
     converged: Flag
     failed: Flag
     near: PyTree
+    doubt: Scalar
 
 
 class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
@@ -54,8 +58,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
     eigenvalues then count as positive ones; `options["retract"]`, a function of (args, y, step),
     gives the end of a step on the curve that follows the valley, with the step as its tangent.
     `options["products"]`, a function of (args, y, near), gives the inner products of the
-    derivatives of the residuals, and of these last, where a caller has a shorter way to them; and
-    what it wants to know at points near by, `near`, of which `options["near"]` is the first.
+    derivatives of the residuals, and of these last, where a caller has a shorter way to them; what
+    it wants to know at points near by, `near`, of which `options["near"]` is the first; and by how
+    much twice the cost may be wrong, for want of that.
     `options["beat"]`: a cost that the result is to get below; the search fails where that is out of
     reach.
 
@@ -85,6 +90,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
             converged=jnp.array(False),
             failed=jnp.array(False),
             near=options.get("near"),
+            doubt=number,
         )
 
     def step(self, fn, y, args, options, state, tags) -> tuple[PyTree, _State, PyTree]:
@@ -92,13 +98,14 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         del tags
         lower, upper = options["lower"], options["upper"]
         new, like, y = state.candidate, y, jnp.stack(list(y))
-        products, near, aux = _evaluated(fn, new, like, args, options, state.near)
+        products, near, doubt, aux = _evaluated(fn, new, like, args, options, state.near)
         cost = 0.5 * products[-1, -1]
         cost = jnp.where(jnp.isfinite(cost), cost, jnp.inf)
         # Below rounding of the cost the gradient alone tells: such a step is taken on its word.
         # Data are of size one, so each residual is rounded by some eps, the contour's by 64 at most
         # (test_gradient_through_the_fit), and the cost by that of their root sum.
         rounding = jnp.finfo(cost.dtype).eps * (state.cost + jnp.sqrt(2 * state.cost))
+        rounding = rounding + state.doubt
         within = (state.predicted <= rounding) & (cost <= state.cost + 64 * rounding)
         better = (cost < state.cost) | (within & (state.predicted > 0))
         curved = "curvature" in options
@@ -111,7 +118,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         if curved:
             normal = _positive(normal, options["curvature"](args, new), lower < upper)
         matrix = jnp.where(better, normal, state.matrix)
-        near = jax.tree.map(lambda a, b: jnp.where(better, a, b), near, state.near)
+        near, doubt = jax.tree.map(
+            lambda a, b: jnp.where(better, a, b), (near, doubt), (state.near, state.doubt)
+        )
 
         free = free_parameters(y, gradient, lower, upper)
         full = damped_step(matrix, gradient, free, jnp.zeros_like(damping))
@@ -121,7 +130,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         if "retract" in options:
             candidate = jnp.clip(options["retract"](args, y, move), lower, upper)
 
-        good = (-0.5 * gradient @ full <= self.rtol * cost) | (cost <= self.atol)
+        sure = doubt <= SURE * cost
+        good = (sure & (-0.5 * gradient @ full <= self.rtol * cost)) | (cost <= self.atol)
         decrease = jnp.where(better, state.cost - cost, jnp.inf)
         stalled = self._stalled(y, move, damping, predicted, cost, decrease)
         finite = jnp.isfinite(cost)
@@ -131,7 +141,17 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         hopeless = cost - HOPE * promised > options.get("beat", jnp.inf)
         converged, failed = finite & (good | stalled) & ~hopeless, ~finite | hopeless
         new_state = _State(
-            candidate, predicted, cost, gradient, matrix, damping, growth, converged, failed, near
+            candidate,
+            predicted,
+            cost,
+            gradient,
+            matrix,
+            damping,
+            growth,
+            converged,
+            failed,
+            near,
+            doubt,
         )
         # A short step that promises next to nothing is taken without a last look. Short is a
         # cube root: a quadratic model errs by its cube, which is rtol then.
@@ -170,13 +190,14 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         return y, aux, {}
 
 
-def _evaluated(fn, new, like, args, options, near) -> tuple[Array, PyTree, PyTree]:
+def _evaluated(fn, new, like, args, options, near) -> tuple[Array, PyTree, Scalar, PyTree]:
     """Inner products of derivatives and residuals at a point, and what else comes with them."""
     if "products" in options:
-        return *options["products"](args, new, near), None
+        products, near, doubt = options["products"](args, new, near)
+        return products, near, 0.5 * doubt, None
     residual, aux = fn(_similar(new, like), args)
     jacobian = derivatives(lambda *x: fn(_similar(jnp.stack(x), like, x), args)[0], new)
-    return inner_products([*jacobian, residual]), near, aux
+    return inner_products([*jacobian, residual]), near, jnp.zeros((), new.dtype), aux
 
 
 def _next_damping(state: _State, cost: Scalar, better: Flag, curved: bool) -> tuple[Scalar, Scalar]:
