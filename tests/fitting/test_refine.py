@@ -30,6 +30,20 @@ def test_noise_free_record_gives_the_plant_back(family):
         np.testing.assert_allclose(value, getattr(TRUE[family], name), rtol=1e-5, err_msg=name)
 
 
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_a_start_beside_the_optimum_goes_there(dtype):
+    """Its cost differs by less than the rounding of the output's own square."""
+    noise = 1e-7 if dtype == np.float64 else 1e-3
+    record = simulated(TRUE["SOPDT"], noise=noise, dtype=dtype)
+    best = COMPILED(record, START["SOPDT"])
+    for errors in (0.0, 0.1, 0.3, 1.0, 3.0):
+        zeta = best.model.zeta + errors * best.std["zeta"]
+        found = COMPILED(record, dataclasses.replace(best.model, zeta=zeta))
+        for name in ("zeta", "omega_n", "delay", "gain"):
+            off = getattr(found.model, name) - getattr(best.model, name)
+            assert abs(off) < 0.01 * best.std[name], (errors, name)
+
+
 @pytest.mark.parametrize("family", TRUE)
 def test_noisy_optimum_is_that_of_scipy(family):
     record = simulated(TRUE[family], noise=0.1)
