@@ -101,13 +101,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         products, near, doubt, aux = _evaluated(fn, new, like, args, options, state.near)
         cost = 0.5 * products[-1, -1]
         cost = jnp.where(jnp.isfinite(cost), cost, jnp.inf)
-        # Below rounding of the cost the gradient alone tells: such a step is taken on its word.
-        # Data are of size one, so each residual is rounded by some eps, the contour's by 64 at most
-        # (test_gradient_through_the_fit), and the cost by that of their root sum.
-        rounding = jnp.finfo(cost.dtype).eps * (state.cost + jnp.sqrt(2 * state.cost))
-        rounding = rounding + state.doubt
-        within = (state.predicted <= rounding) & (cost <= state.cost + 64 * rounding)
-        better = (cost < state.cost) | (within & (state.predicted > 0))
+        better = _is_better(state, cost)
         curved = "curvature" in options
         damping, growth = _next_damping(state, cost, better, curved)
 
@@ -198,6 +192,18 @@ def _evaluated(fn, new, like, args, options, near) -> tuple[Array, PyTree, Scala
     residual, aux = fn(_similar(new, like), args)
     jacobian = derivatives(lambda *x: fn(_similar(jnp.stack(x), like, x), args)[0], new)
     return inner_products([*jacobian, residual]), near, jnp.zeros((), new.dtype), aux
+
+
+def _is_better(state: _State, cost: Scalar) -> Flag:
+    """Whether a step has lowered the cost.
+
+    Below rounding of the cost the gradient alone tells: such a step is taken on its word. Data are
+    of size one, so each residual is rounded by some eps, the contour's by 64 at most
+    (test_gradient_through_the_fit), and the cost by that of their root sum, beside its own doubt.
+    """
+    rounding = jnp.finfo(cost.dtype).eps * (state.cost + jnp.sqrt(2 * state.cost)) + state.doubt
+    within = (state.predicted <= rounding) & (cost <= state.cost + 64 * rounding)
+    return (cost < state.cost) | (within & (state.predicted > 0))
 
 
 def _next_damping(state: _State, cost: Scalar, better: Flag, curved: bool) -> tuple[Scalar, Scalar]:
