@@ -104,8 +104,8 @@ class AbstractRecord(eqx.Module):
         """What may be wrong with the input of a compact record."""
 
     @abc.abstractmethod
-    def stand_in(self, t: Samples) -> Any:
-        """A harmless record of the same form, with these times, from 0 on."""
+    def stand_in(self, t: Samples, y: Samples) -> Any:
+        """A harmless record of the same form, with these times, from 0 on, and outputs."""
 
     @abc.abstractmethod
     def response(self, plant: AbstractPlant, t: Any = None) -> Samples:

@@ -154,12 +154,12 @@ class StepRecord(AbstractRecord):
             return nothing
         return [(self.step_time > self.t[self.last], Status.step_outside_record), *nothing]
 
-    def stand_in(self, t: Samples) -> "StepRecord":
+    def stand_in(self, t: Samples, y: Samples) -> "StepRecord":
         """A step at 0 of size 1; levels known where they are."""
         zero, one = jnp.zeros((), t.dtype), jnp.ones((), t.dtype)
         return StepRecord(
             t,
-            1 - jnp.exp(-5 * t / t[-1]),
+            y,
             zero,
             one,
             None if self.initial is None else zero,
@@ -315,8 +315,9 @@ def usable_record(record: R) -> tuple[Status, R]:
     """
     record = compact(record).plain
     status = record_status(record)
-    count = max(record.t.size, MIN_SAMPLES)
-    stand_in = record.stand_in(jnp.arange(count, dtype=record.t.dtype))
+    rise = lambda elapsed, duration: 1 - jnp.exp(-5 * jnp.maximum(elapsed, 0) / duration)  # noqa: E731
+    t = jnp.arange(max(record.t.size, MIN_SAMPLES), dtype=record.t.dtype)
+    stand_in = record.stand_in(t, rise(t, t[-1]))
     if record.t.size < MIN_SAMPLES:
         return status, stand_in
     bad = refused(status)
@@ -327,8 +328,7 @@ def usable_record(record: R) -> tuple[Status, R]:
         lost = refused(_first(_checks(record, of(record))))
         kept = [jnp.where(lost, a, b) for a, b in zip(of(stand_in), of(record), strict=True)]
         usable = eqx.tree_at(of, usable, kept)
-        rise = 1 - jnp.exp(-5 * jnp.maximum(usable.elapsed, 0) / usable.duration)
-        y = jnp.where(bad, rise, record.y)
+        y = jnp.where(bad, rise(usable.elapsed, usable.duration), record.y)
         usable = eqx.tree_at(lambda record: record.y, usable, y)
     return status, usable
 
