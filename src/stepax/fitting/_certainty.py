@@ -23,7 +23,7 @@ from ..records._record import moved_beside, predict
 from ._beside import Beside
 from ._fitted import Fitted
 from ._problem import Problem
-from ._solver import derivatives
+from ._solver import derivatives, row_by_row
 
 
 SAMPLES_AT_ONCE = 16384
@@ -219,7 +219,7 @@ def _moves(problem: Problem, model, free: tuple[ScalarParameter, ...]) -> Float[
         values = jnp.stack([_value(model, scalar) for scalar in own])
         beside = derivatives(lambda *x: moved_beside(_with_numbers(model, own, x), record), values)
         moves |= {s.label: moves[s.label] + row for s, row in zip(own, beside, strict=True)}
-    return jnp.stack([moves[scalar.label] for scalar in free])
+    return row_by_row([moves[scalar.label] for scalar in free])
 
 
 class _Covariance(NamedTuple):
