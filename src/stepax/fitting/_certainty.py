@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._arrays import Count, Samples, Scalar, nan_where, safe_sqrt
+from .._arrays import Count, Samples, Scalar, nan_where, row_by_row, safe_sqrt
 from .._batches import in_groups
 from .._orthonormal import orthonormal
 from .._result import Identification
@@ -23,7 +23,7 @@ from ..records._record import moved_beside, predict
 from ._beside import Beside
 from ._fitted import Fitted
 from ._problem import Problem
-from ._solver import derivatives, row_by_row
+from ._solver import derivatives
 
 
 SAMPLES_AT_ONCE = 16384

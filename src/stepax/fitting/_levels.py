@@ -6,11 +6,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import Samples, Scalar, safe_sqrt
+from .._arrays import Samples, Scalar, row_by_row, safe_sqrt
 from ..models._abstract import AbstractPlant
 from ..records._abstract import AbstractRecord
 from ._beside import Beside
-from ._solver import row_by_row
 
 
 class Near(NamedTuple):

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, PyTree
 
-from .._arrays import Flag, Scalar
+from .._arrays import Flag, Scalar, row_by_row
 
 
 REFUSED = 0.1
@@ -247,18 +247,6 @@ def inner_products(rows: list[Float[Array, " residuals"]]) -> Float[Array, "rows
     """
     matrix = row_by_row(rows)
     return matrix @ matrix.T
-
-
-def row_by_row(rows: list[Float[Array, " residuals"]]) -> Float[Array, "rows residuals"]:
-    """The rows as a matrix, written into it one by one.
-
-    Of a `stack` XLA computes, for each of its elements, what all rows are made of, and of a sum
-    over a contour that is twenty times the work.
-    """
-    matrix = jnp.zeros((len(rows), rows[0].size), rows[0].dtype)
-    for place, row in enumerate(jax.lax.optimization_barrier(rows)):
-        matrix = matrix.at[place].set(row)
-    return matrix
 
 
 def free_parameters(y, gradient, lower, upper) -> Bool[Array, " p"]:
