@@ -112,7 +112,9 @@ class Levels(eqx.Module):
             offset = self.offset
         residual, a = (y - offset - amplitude * g) / unit, amplitude / unit
         rows = row_by_row([root * row for row in (*moves, residual, g)])
-        p, sums, count = rows @ rows.T, rows @ root, jnp.sum(w)
+        # Of its own in each lane: a root that lanes share makes XLA copy the rows three times.
+        own = root + 0 * a
+        p, sums, count = rows @ rows.T, rows @ own, jnp.sum(w)
         length = jnp.diagonal(p)
         if across:
             p = p - sums[:, None] * sums[None, :] / count
