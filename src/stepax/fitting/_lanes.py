@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from .._arrays import Count, Flag, Scalar
@@ -152,11 +153,8 @@ def _queue(lane: _Lane, leaves: list[Array], batched: tuple[bool, ...], size: in
         y, state = step(own, y, state)
         steps = steps + 1
         ended = busy & lane.has_ended(state, steps)
-        results = jax.tree.map(
-            lambda all, new: all.at[jnp.where(ended, lanes, size)].set(new, mode="drop"),
-            results,
-            end(own, y, state, steps),
-        )
+        new = in_rows(end(own, y, state, steps))
+        results = results.at[jnp.where(ended, lanes, size)].set(new, mode="drop")
         before = np.tri(places, dtype=bool)  # a sum over few is one loop, `cumsum` five
         turn = waiting + jnp.sum(before & ended[None, :], axis=1) - 1
         enters = ended & (turn < count)
@@ -176,5 +174,7 @@ def _queue(lane: _Lane, leaves: list[Array], batched: tuple[bool, ...], size: in
         leaves, start, state, jnp.array(0)
     )
     first = lanes, jnp.arange(places) < count, *begin(of(lanes)), none
-    carry = first, jnp.array(places), untouched
-    return jax.lax.while_loop(lambda carry: jnp.any(carry[0][1]), body, carry)[2]
+    in_rows = jax.vmap(lambda end: ravel_pytree(end)[0])
+    unravel = ravel_pytree(jax.tree.map(lambda x: x[0], untouched))[1]
+    carry = first, jnp.array(places), in_rows(untouched)
+    return jax.vmap(unravel)(jax.lax.while_loop(lambda carry: jnp.any(carry[0][1]), body, carry)[2])

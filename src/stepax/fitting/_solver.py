@@ -117,8 +117,11 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         )
 
         free = free_parameters(y, gradient, lower, upper)
-        full = damped_step(matrix, gradient, free, jnp.zeros_like(damping))
-        candidate = _bounded_step(matrix, gradient, free, damping, y, lower, upper)
+        # both at once: a lane at a time these numbers are too few to be worth a loop each
+        full, step = jax.vmap(lambda damping: damped_step(matrix, gradient, free, damping))(
+            jnp.stack([jnp.zeros_like(damping), damping])
+        )
+        candidate = _bounded(step, matrix, gradient, free, damping, y, lower, upper)
         move = candidate - y
         predicted = -(gradient @ move) - 0.5 * move @ matrix @ move
         if "retract" in options:
@@ -265,9 +268,8 @@ def _positive(normal: Array, curvature: Array, varies: Array) -> Array:
     return (vectors * jnp.abs(values)[None, :]) @ vectors.T * scale
 
 
-def _bounded_step(matrix, gradient, free, damping, y, lower, upper) -> Array:
-    """Damped step with bounds: what would cross is set on its bound and the rest solved again."""
-    step = damped_step(matrix, gradient, free, damping)
+def _bounded(step, matrix, gradient, free, damping, y, lower, upper) -> Array:
+    """The end of a damped step: what would cross is set on its bound, the rest solved again."""
     crosses = free & ((y + step < lower) | (y + step > upper))
     clipped = jnp.where(crosses, jnp.clip(y + step, lower, upper) - y, 0)
     rest = damped_step(matrix, gradient + matrix @ clipped, free & ~crosses, damping)
@@ -292,19 +294,20 @@ def solve_positive(matrix: Float[Array, "p p"], right: Float[Array, " p"]) -> Fl
     """Cholesky solution written out: for few unknowns it vectorises over a batch."""
     p = right.shape[0]
     factor: list[list[Array]] = []
+    inverse: list[Array] = []  # of the pivots' roots: XLA gives each division a loop of its own
     half: list[Array] = []
     floor = jnp.finfo(matrix.dtype).eps * jnp.finfo(matrix.dtype).eps
     for i in range(p):
         row: list[Array] = []
         for j in range(i):
             value = matrix[i, j] - sum(row[k] * factor[j][k] for k in range(j))
-            row.append(value / factor[j][j])
+            row.append(value * inverse[j])
         pivot = matrix[i, i] - sum(x * x for x in row)
-        row.append(jnp.sqrt(jnp.maximum(pivot, floor)))
-        half.append((right[i] - sum(row[k] * half[k] for k in range(i))) / row[i])
+        inverse.append(1 / jnp.sqrt(jnp.maximum(pivot, floor)))
+        half.append((right[i] - sum(row[k] * half[k] for k in range(i))) * inverse[i])
         factor.append(row)
     solution: list[Array] = [half[-1]] * p
     for i in reversed(range(p)):
         known = sum(factor[k][i] * solution[k] for k in range(i + 1, p))
-        solution[i] = (half[i] - known) / factor[i][i]
+        solution[i] = (half[i] - known) * inverse[i]
     return jnp.stack(solution)
