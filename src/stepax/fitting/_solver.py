@@ -117,11 +117,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         )
 
         free = free_parameters(y, gradient, lower, upper)
-        # both at once: a lane at a time these numbers are too few to be worth a loop each
-        full, step = jax.vmap(lambda damping: damped_step(matrix, gradient, free, damping))(
-            jnp.stack([jnp.zeros_like(damping), damping])
-        )
-        candidate = _bounded(step, matrix, gradient, free, damping, y, lower, upper)
+        full, candidate = _steps(matrix, gradient, free, damping, y, lower, upper)
         move = candidate - y
         predicted = -(gradient @ move) - 0.5 * move @ matrix @ move
         if "retract" in options:
@@ -268,12 +264,18 @@ def _positive(normal: Array, curvature: Array, varies: Array) -> Array:
     return (vectors * jnp.abs(values)[None, :]) @ vectors.T * scale
 
 
-def _bounded(step, matrix, gradient, free, damping, y, lower, upper) -> Array:
-    """The end of a damped step: what would cross is set on its bound, the rest solved again."""
+def _steps(matrix, gradient, free, damping, y, lower, upper) -> tuple[Array, Array]:
+    """The undamped step, and the end of the damped one within bounds.
+
+    What would cross is set on its bound and the rest solved again. The first two are solved at
+    once: of so few numbers the number of loops is what counts.
+    """
+    both = jnp.stack([jnp.zeros_like(damping), damping])
+    full, step = jax.vmap(lambda damping: damped_step(matrix, gradient, free, damping))(both)
     crosses = free & ((y + step < lower) | (y + step > upper))
     clipped = jnp.where(crosses, jnp.clip(y + step, lower, upper) - y, 0)
     rest = damped_step(matrix, gradient + matrix @ clipped, free & ~crosses, damping)
-    return jnp.clip(y + clipped + rest, lower, upper)
+    return full, jnp.clip(y + clipped + rest, lower, upper)
 
 
 def damped_step(matrix, gradient, free, damping) -> Array:
