@@ -2,13 +2,14 @@
 
 Simulated records of 0 to 60 time units: two lags (3 to 9, and 0.1 to 1 of that), dead time, gain
 and offset drawn, 2 % white noise (`--noise`); everything free. Each method by the plain
-`jit(vmap(lambda y: identify(StepRecord(t, y), method)))`, float64, one device, against
+`jit(vmap(lambda y: identify(StepRecord(t, y), method)))`, float64, one device, in turn with
 
-- hand: the fastest `lax.map(..., batch_size=16, 32, 64, 256)` over the same function, in turn
-  (`--hand`; above 1 the plain call is faster);
+- hand: the fastest `lax.map(..., batch_size=16, 32, 64, 256)` over the same function (`--hand`;
+  above 1 the plain call is faster);
 - devices: the plain call through `stepax.over_devices`, one device a core;
 - scipy: `curve_fit` (MINPACK) with the analytic model in NumPy, from the same start, all orders
-  that the method tries, in a loop on one core; pool: the same in a process on each core.
+  that the method tries, in a loop on one core; pool: the same in a process on each core, once,
+  after the others.
 
 Costs are computed again from the models by one formula; `best` is the share of the records within
 1e-6 of the best cost that anyone found for the order kept.
@@ -29,9 +30,9 @@ from rich.console import Console
 from rich.table import Table
 
 
-NOISE, REPETITIONS, TURNS, LOOPED = 0.02, 3, 5, 400
+NOISE, TURNS, LOOPED = 0.02, 5, 400
 SLOW = 30.0
-"""Seconds from which a call is repeated once."""
+"""Seconds from which calls are timed once, and not `TURNS` times."""
 METHODS = ("fopdt_fit", "sopdt_fit", "hudzovic_fit", "sani_fit")
 ORDERS = range(2, 9)
 
@@ -156,39 +157,23 @@ def figures(t, method, errors, y):
     return result.rmse, result.details["steps"], order, result.std
 
 
-def timed(call, *arguments) -> tuple[float, float, tuple]:
-    """Seconds of compiling, median seconds of a call, and its result."""
+def seconds(call, *arguments) -> float:
+    """Of one call."""
     start = time.perf_counter()
-    result = jax.block_until_ready(call(*arguments))
-    first, takes = time.perf_counter() - start, []
-    for _ in range(REPETITIONS if first < SLOW else 1):
-        start = time.perf_counter()
-        result = jax.block_until_ready(call(*arguments))
-        takes.append(time.perf_counter() - start)
-    return first - float(np.median(takes)), float(np.median(takes)), result
+    jax.block_until_ready(call(*arguments))
+    return time.perf_counter() - start
 
 
-def beside_chunks(plain, one, y) -> float:
-    """Seconds of the fastest chunk that a user could choose over those of the plain call.
+def in_turn(calls) -> dict[str, float]:
+    """Median seconds of each call: in turn, since a machine that drifts would else decide."""
+    turns = TURNS if sum(seconds(*call) for call in calls.values()) < SLOW * len(calls) else 1
+    takes = [[seconds(*call) for call in calls.values()] for _ in range(turns)]
+    return dict(zip(calls, np.median(takes, axis=0).tolist(), strict=True))
 
-    In turn: a machine that drifts would else decide.
-    """
 
-    def chunked(size):
-        return jax.jit(lambda y: jax.lax.map(one, y, batch_size=size))
-
-    calls = [plain, *(chunked(size) for size in (16, 32, 64, 256))]
-    for call in calls:
-        jax.block_until_ready(call(y))
-    takes = []
-    for _ in range(TURNS):
-        takes.append([])
-        for call in calls:
-            start = time.perf_counter()
-            jax.block_until_ready(call(y))
-            takes[-1].append(time.perf_counter() - start)
-    whole, *chunks = np.median(takes, axis=0)
-    return float(min(chunks) / whole)
+def chunked(one, size: int):
+    """What a user could write instead of a plain `vmap`."""
+    return jax.jit(lambda y: jax.lax.map(one, y, batch_size=size))
 
 
 def measure(method: str, count: int, samples: int, errors: bool, options) -> dict[str, str]:
@@ -197,41 +182,49 @@ def measure(method: str, count: int, samples: int, errors: bool, options) -> dic
 
     t, y = records(count, samples, noise=options.noise)
     t, y = t.astype(options.dtype), y.astype(options.dtype)
-    one = functools.partial(figures, t, method, errors)
-    device = jax.devices()[0]
-    plain, on_device = jax.jit(jax.vmap(one)), jax.device_put(y, device)
-    compiling, seconds, found = timed(plain, on_device)
-    rmse, steps, order, _ = map(np.asarray, (*found[:3], 0))
+    one = functools.partial(figures, t, method, errors)  # its times have the dtype asked for
+    plain, on_device = jax.jit(jax.vmap(one)), jax.device_put(y, jax.devices()[0])
+    start = time.perf_counter()
+    rmse, steps, order, _ = jax.block_until_ready(plain(on_device))
+    first = time.perf_counter() - start
+    calls: dict[str, tuple] = {"plain": (plain, on_device)}
+    chunks = {f"chunk {size}": (chunked(one, size), on_device) for size in (16, 32, 64, 256)}
+    if options.hand:
+        calls |= chunks
+    if jax.device_count() > 1:
+        calls["devices"] = over_devices(jax.vmap(one)), y
+    part = y[: min(LOOPED if method in METHODS[:2] else LOOPED // 4, count)].astype(float)
+    t = t.astype(float)
+    begin = starts(method, t, part) if options.scipy else []
+    if options.scipy:
+        calls["scipy"] = by_scipy, method, t, part, begin
+    takes = in_turn(calls)
     row = {
         "method": method,
         "N": str(samples),
         "records": str(count),
         "errors": "yes" if errors else "no",
-        "compile s": f"{compiling:.1f}",
-        "a second": f"{count / seconds:.0f}",
+        "compile s": f"{first - takes['plain']:.1f}",
+        "a second": f"{count / takes['plain']:.0f}",
         "steps": f"{np.median(steps):.0f}, {np.quantile(steps, 0.99):.0f}",
     }
     if options.hand:
-        row["of best chunk"] = f"{beside_chunks(plain, one, on_device):.2f}"
-    if jax.device_count() > 1:
-        _, spread, _ = timed(over_devices(jax.vmap(one)), y)
-        row["devices"] = f"{count / spread:.0f}"
+        row["of best chunk"] = f"{min(takes[name] for name in chunks) / takes['plain']:.2f}"
+    each = {name: take / count for name, take in takes.items() if name in ("plain", "devices")}
+    if "devices" in each:
+        row["devices"] = f"{1 / each['devices']:.0f}"
     if not options.scipy:
         return row
-    part = y[: min(LOOPED if method in METHODS[:2] else LOOPED // 4, count)].astype(float)
-    begin = starts(method, t.astype(float), part)
-    start = time.perf_counter()
-    theirs = by_scipy(method, t.astype(float), part, begin)
-    loop = (time.perf_counter() - start) / len(part)
-    place = order[: len(part)] - ORDERS[0] if len(begin) > 1 else np.zeros(len(part), int)
-    ours = samples * rmse[: len(part)].astype(float) ** 2
-    best = np.minimum(ours, theirs[np.arange(len(part)), place])
-    pool = in_pool(method, t.astype(float), part, begin, os.cpu_count() or 1) / len(part)
+    loop = takes["scipy"] / len(part)
     row["scipy"] = f"{1 / loop:.0f}"
-    row["x scipy"] = f"{loop * count / seconds:.1f}"
-    row["x pool"] = f"{pool * count / seconds:.1f}"
-    row["best"] = f"{100 * np.mean(ours <= best * (1 + 1e-6)):.1f} %"
-    return row
+    row |= {f"{name} x scipy": f"{loop / take:.1f}" for name, take in each.items()}
+    pool = in_pool(method, t, part, begin, os.cpu_count() or 1) / len(part)
+    row["x pool"] = f"{pool / each['plain']:.1f}"
+    ours = samples * np.asarray(rmse, float)[: len(part)] ** 2
+    theirs = by_scipy(method, t, part, begin)
+    kept = np.asarray(order)[: len(part)] - ORDERS[0] if len(begin) > 1 else 0
+    best = np.minimum(ours, theirs[np.arange(len(part)), kept])
+    return row | {"best": f"{100 * np.mean(ours <= best * (1 + 1e-6)):.1f} %"}
 
 
 def main() -> None:
