@@ -187,6 +187,12 @@ def test_solutions_of_positive_systems(p):
     assert np.isfinite(solved(np.ones_like(matrices), right)).all()
 
 
+def test_a_batch_of_no_records():
+    t = jnp.linspace(0, 40, 50)
+    fit = jax.jit(jax.vmap(lambda y: stepax.identify(stepax.StepRecord(t, y), "fopdt_fit").rmse))
+    assert fit(jnp.zeros((0, 50))).shape == (0,)
+
+
 def test_other_solvers_serve():
     record = simulated(TRUE["FOPDT"], noise=0.05)
     ours = COMPILED(record, START["FOPDT"])

@@ -175,6 +175,6 @@ def _queue(lane: _Lane, leaves: list[Array], batched: tuple[bool, ...], size: in
     )
     first = lanes, jnp.arange(places) < count, *begin(of(lanes)), none
     in_rows = jax.vmap(lambda end: ravel_pytree(end)[0])
-    unravel = ravel_pytree(jax.tree.map(lambda x: x[0], untouched))[1]
+    unravel = ravel_pytree(jax.tree.map(lambda x: jnp.zeros(x.shape[1:], x.dtype), untouched))[1]
     carry = first, jnp.array(places), in_rows(untouched)
     return jax.vmap(unravel)(jax.lax.while_loop(lambda carry: jnp.any(carry[0][1]), body, carry)[2])

@@ -293,23 +293,26 @@ def damped_step(matrix, gradient, free, damping) -> Array:
 
 
 def solve_positive(matrix: Float[Array, "p p"], right: Float[Array, " p"]) -> Float[Array, " p"]:
-    """Cholesky solution written out: for few unknowns it vectorises over a batch."""
+    """Cholesky solution written out: for few unknowns it vectorises over a batch.
+
+    By divisions, which XLA stores: products with inverse pivots it computes again for each unknown,
+    rounded in another way, and of nearly dependent columns the unknowns no longer go together.
+    """
     p = right.shape[0]
     factor: list[list[Array]] = []
-    inverse: list[Array] = []  # of the pivots' roots: XLA gives each division a loop of its own
     half: list[Array] = []
     floor = jnp.finfo(matrix.dtype).eps * jnp.finfo(matrix.dtype).eps
     for i in range(p):
         row: list[Array] = []
         for j in range(i):
             value = matrix[i, j] - sum(row[k] * factor[j][k] for k in range(j))
-            row.append(value * inverse[j])
+            row.append(value / factor[j][j])
         pivot = matrix[i, i] - sum(x * x for x in row)
-        inverse.append(1 / jnp.sqrt(jnp.maximum(pivot, floor)))
-        half.append((right[i] - sum(row[k] * half[k] for k in range(i))) * inverse[i])
+        row.append(jnp.sqrt(jnp.maximum(pivot, floor)))
+        half.append((right[i] - sum(row[k] * half[k] for k in range(i))) / row[i])
         factor.append(row)
     solution: list[Array] = [half[-1]] * p
     for i in reversed(range(p)):
         known = sum(factor[k][i] * solution[k] for k in range(i + 1, p))
-        solution[i] = (half[i] - known) * inverse[i]
+        solution[i] = (half[i] - known) / factor[i][i]
     return jnp.stack(solution)
