@@ -32,7 +32,7 @@ from rich.table import Table
 
 NOISE, TURNS, LOOPED = 0.02, 5, 400
 SLOW = 30.0
-"""Seconds from which calls are timed once, and not `TURNS` times."""
+"""Seconds of a call, compiled, from which all are timed once, and not `TURNS` times."""
 METHODS = ("fopdt_fit", "sopdt_fit", "hudzovic_fit", "sani_fit")
 ORDERS = range(2, 9)
 
@@ -166,8 +166,11 @@ def seconds(call, *arguments) -> float:
 
 def in_turn(calls) -> dict[str, float]:
     """Median seconds of each call: in turn, since a machine that drifts would else decide."""
-    turns = TURNS if sum(seconds(*call) for call in calls.values()) < SLOW * len(calls) else 1
-    takes = [[seconds(*call) for call in calls.values()] for _ in range(turns)]
+    for call in calls.values():
+        seconds(*call)  # compiles
+    takes: list[list[float]] = []
+    while len(takes) < (TURNS if not takes or max(takes[0]) < SLOW else 1):
+        takes.append([seconds(*call) for call in calls.values()])
     return dict(zip(calls, np.median(takes, axis=0).tolist(), strict=True))
 
 
